@@ -1,0 +1,13 @@
+"""Thin-lens defocus of RGB-D images: pure torch, no files, no prints, no global state.
+
+Lengths are in mm, CoC radii in px, signed: negative nearer than focus, positive beyond.
+"""
+
+from __future__ import annotations
+
+from defocus_core.aperture import Aperture
+from defocus_core.lens import DefocusLens
+from defocus_core.quality import QUALITIES
+from defocus_core.render import Rendering, render
+
+__all__ = ["QUALITIES", "Aperture", "DefocusLens", "Rendering", "render"]

@@ -1,0 +1,285 @@
+"""The shape of the pupil, and kernels sampled from it by exact area.
+
+Lens points ``u`` live in the unit disc, x to the right and y down as in the image, seen from behind
+the camera. A scene point at signed radius ``r`` is seen through ``u`` at the offset ``r u``: beyond
+focus (r > 0) the blur has the pupil's own orientation, nearer than focus it is turned by 180°.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
+
+
+@dataclass(frozen=True)
+class Aperture:
+    """The pupil: its outline inside the f-number's unit disc, and the weight across it.
+
+    Attributes:
+        blades: 0 for a disc, N >= 3 for a regular polygon inscribed in it.
+        rotation: Angle of one vertex in degrees, counter-clockwise from +x as seen in the image,
+            for points beyond focus.
+        psf_type: "pillbox", constant inside the outline as a lens is, or "gaussian",
+            exp(-d² / 2 r²) inside the outline.
+
+    Raises:
+        ValueError: If blades, rotation or psf_type is not one of the above.
+    """
+
+    blades: int = 0
+    rotation: float = 0.0
+    psf_type: str = "pillbox"
+
+    def __post_init__(self) -> None:
+        if self.blades != 0 and self.blades < 3:
+            raise ValueError(
+                f"blades must be 0 or at least 3, got {self.blades}; write 0 for a round aperture"
+            )
+        if not math.isfinite(self.rotation):
+            raise ValueError(
+                f"rotation must be a finite angle in degrees, got {self.rotation}; "
+                "write 0 for a vertex at +x"
+            )
+        if self.psf_type not in PSF_TYPES:
+            raise ValueError(
+                f"psf_type must be one of {', '.join(PSF_TYPES)}, got {self.psf_type!r}; "
+                "pillbox is the thin lens"
+            )
+
+
+@dataclass(frozen=True)
+class Part:
+    """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1."""
+
+    x0: float = -1.0
+    x1: float = 1.0
+    y0: float = -1.0
+    y1: float = 1.0
+
+
+FULL = Part()
+LEFT = Part(x1=0.0)
+RIGHT = Part(x0=0.0)
+
+# Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
+_LEAST_RADIUS = 1e-6
+# A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
+_LEVEL_SLOPE = 1e-6
+# Pixels across the pupil with which the weight of a part of a gaussian pupil is summed.
+_WEIGHING_RADIUS = 256.0
+
+
+def kernel(
+    radius: Tensor, size: int, aperture: Aperture | None = None, part: Part = FULL
+) -> Tensor:
+    """The blur of a point at the given signed radius, sampled by area.
+
+    The value at a pixel is the share of the part's area that falls on this pixel, from the area
+    G(x, y) of the pupil left of x and above y, differenced over the pixel's corners. The sum is 1
+    if the blur fits (a gaussian is normalised over the grid); what does not fit is cut off. A
+    disc with |radius| <= 0.5 on an odd grid is a delta. Differentiable in radius.
+
+    Args:
+        radius: Signed CoC radius in px, any shape, floating point.
+        size: Number of pixels on a side. The centre is at (size - 1) / 2 on both axes, for an even
+            size the corner between the four middle pixels.
+        aperture: The pupil, a round one by default.
+        part: The part of the pupil to draw; turned with it where radius < 0.
+
+    Returns:
+        [*radius.shape, size, size], y down then x to the right, in radius' dtype.
+
+    Raises:
+        ValueError: If size is below 1, radius is not floating point, or the part lies outside the
+            pupil.
+    """
+    aperture = aperture or Aperture()
+    if size < 1:
+        raise ValueError(f"size must be at least 1 px, got {size}; use 1 for a point in focus")
+    if not radius.is_floating_point():
+        raise ValueError(
+            f"radius must be a floating-point tensor in px, got {radius.dtype}; use radius.float()"
+        )
+    area = _part_area(aperture, part)
+    if area <= 0.0:
+        raise ValueError(f"part must overlap the pupil, got {part}; see parts()")
+    r = radius.double()
+    r = torch.where(r.abs() < _LEAST_RADIUS, _LEAST_RADIUS, r)
+    corners = torch.arange(size + 1, dtype=r.dtype, device=r.device) - size / 2
+    u = corners / r[..., None]  # [..., size + 1], descending where r < 0
+    shares = _areas(aperture, u.clamp(part.x0, part.x1), u.clamp(part.y0, part.y1))
+    if aperture.psf_type == "gaussian":
+        shares = shares * _profile(u)
+        shares = shares / shares.sum((-2, -1), keepdim=True)
+    else:
+        shares = shares / area
+    return shares.to(radius.dtype)
+
+
+def part_area(aperture: Aperture, part: Part) -> float:
+    """The share of the pupil that lies in the part: the weight of this part in the whole.
+
+    The kernels of parts that tile the pupil, averaged with these weights, are the kernel of the
+    whole. LEFT and RIGHT weigh 1/2 each for a disc, for polygons with an even number of blades and
+    for odd ones with a vertex at the top or bottom. Otherwise their areas differ (48.9 : 51.1 %
+    for five blades at 0°): each half image is normalised by its own area, so that white stays
+    white in both, and the centre is their mean by these weights.
+
+    Returns:
+        A number in [0, 1]. Where the pupil is gaussian, the share of its weight, to about 1e-6.
+    """
+    if aperture.psf_type == "gaussian":
+        return _weight(aperture, part) / _weight(aperture, FULL)
+    return _part_area(aperture, part) / _part_area(aperture, FULL)
+
+
+def parts(aperture: Aperture, count: int) -> list[Part]:
+    """Cut the pupil into parts of equal area, the first half of them LEFT, the second RIGHT.
+
+    Each half is halved again in turn by y and by x, at the line that halves the area. The parts
+    of a symmetric pupil are symmetric; the halves of an asymmetric polygon keep their own areas.
+
+    Raises:
+        ValueError: If count is not a power of two.
+    """
+    if count < 1 or count & (count - 1):
+        raise ValueError(f"count must be a power of two, got {count}; use 1, 2, 4, 8 or 16")
+    return list(_parts(replace(aperture, psf_type="pillbox"), count))
+
+
+@lru_cache(maxsize=256)
+def _parts(aperture: Aperture, count: int) -> tuple[Part, ...]:
+    cells = [LEFT, RIGHT] if count > 1 else [FULL]
+    lower, upper = "y0", "y1"
+    while len(cells) < count:
+        halves = []
+        for cell in cells:
+            cut = _halving_cut(aperture, cell, lower, upper)
+            halves += [replace(cell, **{upper: cut}), replace(cell, **{lower: cut})]
+        cells = halves
+        lower, upper = ("x0", "x1") if lower == "y0" else ("y0", "y1")
+    return tuple(cells)
+
+
+def _halving_cut(aperture: Aperture, cell: Part, lower: str, upper: str) -> float:
+    """Where a cut between `lower` and `upper` leaves half of the cell's area, by bisection."""
+    low: float = getattr(cell, lower)
+    high: float = getattr(cell, upper)
+    half = _part_area(aperture, cell) / 2
+    for _ in range(50):
+        middle = (low + high) / 2
+        if abs(area := _part_area(aperture, replace(cell, **{upper: middle})) - half) < 1e-14:
+            return middle
+        low, high = (middle, high) if area < 0 else (low, middle)
+    return (low + high) / 2
+
+
+@lru_cache(maxsize=4096)
+def _part_area(aperture: Aperture, part: Part) -> float:
+    """Area of the part in units of the lens radius squared."""
+    x = torch.tensor([part.x0, part.x1], dtype=torch.float64)
+    y = torch.tensor([part.y0, part.y1], dtype=torch.float64)
+    return float(_areas(aperture, x.clamp(-1, 1), y.clamp(-1, 1)))
+
+
+@lru_cache(maxsize=256)
+def _weight(aperture: Aperture, part: Part) -> float:
+    """Area of the part times the profile, in units of the lens radius squared."""
+    u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64)
+    u = u / _WEIGHING_RADIUS
+    shares = _areas(aperture, u.clamp(part.x0, part.x1), u.clamp(part.y0, part.y1))
+    return float((shares * _profile(u)).sum())
+
+
+def _profile(u: Tensor) -> Tensor:
+    """exp(-|u|² / 2) at the middle of each pixel, [..., n] corners to [..., n - 1, n - 1].
+
+    Corners are clamped to the unit square, which keeps it positive for any radius.
+    """
+    inside = u.clamp(-1, 1)
+    middle = (inside[..., 1:] + inside[..., :-1]) / 2
+    fall = torch.exp(-(middle**2) / 2)
+    return fall[..., :, None] * fall[..., None, :]
+
+
+def _areas(aperture: Aperture, x: Tensor, y: Tensor) -> Tensor:
+    """Areas of the pupil between consecutive x and consecutive y, all within [-1, 1].
+
+    Args:
+        aperture: The pupil.
+        x: [..., n], ascending or descending together with y.
+        y: [..., m].
+
+    Returns:
+        [..., m - 1, n - 1] in units of the lens radius squared.
+    """
+    x, y = x[..., None, :], y[..., :, None]
+    below = _polygon_area(aperture, x, y) if aperture.blades else _disc_area(x, y)
+    return below.diff(dim=-1).diff(dim=-2).clamp(min=0)  # rounding leaves ±1e-16 outside
+
+
+def _disc_area(x: Tensor, y: Tensor) -> Tensor:
+    """G of the unit disc, up to terms in x alone or y alone, which the differences remove.
+
+    G is the integral over x' <= x of clip(y, -h, h) with h = sqrt(1 - x'²); it follows the rim
+    for |x'| beyond a = sqrt(1 - y²) and is level between.
+    """
+    a = _half_chord(y)
+    rim, rim_at_a = _half_disc_area(x), _half_disc_area(a)
+    along_rim = torch.minimum(rim, math.pi / 2 - rim_at_a) + torch.maximum(rim, rim_at_a)
+    return y.sign() * along_rim + y * torch.maximum(torch.minimum(x, a), -a)
+
+
+def _half_disc_area(x: Tensor) -> Tensor:
+    """Integral of sqrt(1 - t²) from -1 to x."""
+    h = _half_chord(x)
+    return (x * h + torch.atan2(x, h) + math.pi / 2) / 2
+
+
+def _half_chord(x: Tensor) -> Tensor:
+    """sqrt(1 - x²), with gradient 0 instead of infinity at |x| = 1."""
+    squared = 1 - x * x
+    inside = squared > 0
+    return torch.where(inside, torch.where(inside, squared, 1.0).sqrt(), 0.0)
+
+
+def _polygon_area(aperture: Aperture, x: Tensor, y: Tensor) -> Tensor:
+    """G of the polygon, up to terms in x alone or y alone, which the differences remove.
+
+    Green's theorem: the sum over edges of the integral of min(y, edge height) up to x, taken
+    positive on the edges that bound the polygon at large y.
+    """
+    total: Tensor | None = None
+    width = torch.zeros_like(x)  # what multiplies y
+    for sign, left, right, height, slope in _edges(aperture.blades, aperture.rotation):
+        reach = x.clamp(left, right)
+        width = width + sign * reach
+        if abs(slope) < _LEVEL_SLOPE:
+            middle = height + slope * (right - left) / 2
+            term = sign * reach * (middle - y).clamp(max=0)
+        else:
+            drop = (height + slope * (reach - left) - y).clamp(max=0)
+            term = drop * drop * (sign / (2 * slope))
+        total = term if total is None else total + term
+    assert total is not None
+    return total + width * y
+
+
+@lru_cache(maxsize=64)
+def _edges(blades: int, rotation: float) -> tuple[tuple[float, float, float, float, float], ...]:
+    """Edges that are not vertical: (sign, left x, right x, y at the left, slope)."""
+    angles = [math.radians(rotation + 360.0 * k / blades) for k in range(blades)]
+    vertices = [(math.cos(a), -math.sin(a)) for a in angles]
+    edges = []
+    for start, end in zip(vertices, vertices[1:] + vertices[:1], strict=True):
+        (x0, y0), (x1, y1) = sorted((start, end))
+        if x1 - x0 > 1e-12:
+            sign = 1.0 if end[0] > start[0] else -1.0
+            edges.append((sign, x0, x1, y0, (y1 - y0) / (x1 - x0)))
+    return tuple(edges)

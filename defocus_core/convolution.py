@@ -1,0 +1,77 @@
+"""Blur of slices by their kernels: spectra of kernels, windows around a tile, crops.
+
+A tile is blurred within a window that its radius needs. The window is as long as a fast transform
+wants it, at least tile + 2 reach, so that what wraps around falls outside the tile.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+
+import torch
+from torch import Tensor
+
+from defocus_core.aperture import Aperture, Part, kernel
+
+
+def reach(radius: float, limit: int) -> int:
+    """How many px a slice spreads: 0 where its kernel is a delta, never more than `limit`."""
+    return 0 if abs(radius) <= 0.5 else min(math.ceil(abs(radius) - 0.5), limit)
+
+
+def _transform_lengths(limit: int) -> list[int]:
+    """Even lengths 2^a 3^b 5^c with c <= 1, which transform fastest per sample."""
+    return sorted(
+        2**a * 3**b * 5**c
+        for a in range(1, limit.bit_length() + 1)
+        for b in range(4)
+        for c in range(2)
+        if 2**a * 3**b * 5**c <= 2 * limit
+    )
+
+
+_LENGTHS = _transform_lengths(1 << 20)
+
+
+def transform_length(n: int) -> int:
+    """The least fast transform length of at least n."""
+    return _LENGTHS[bisect_left(_LENGTHS, n)]
+
+
+def kernel_spectra(
+    radii: Tensor,
+    extent: int,
+    window: tuple[int, int],
+    aperture: Aperture,
+    parts: list[Part],
+) -> Tensor:
+    """Transforms of the kernels of all parts.
+
+    Args:
+        radii: [K] signed radii in px, float64.
+        extent: Px that the kernels spread at most to each side.
+        window: (height, width) of the transform, at least 2 extent + 1 each.
+        aperture: The pupil.
+        parts: M parts of it.
+
+    Returns:
+        [K, M, window height, window width // 2 + 1], centred on pixel (0, 0).
+    """
+    size = 2 * extent + 1
+    sampled = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)
+    padded = torch.nn.functional.pad(sampled, (0, window[1] - size, 0, window[0] - size))
+    return torch.fft.rfft2(padded.roll((-extent, -extent), (-2, -1)))
+
+
+def crop_inverse(spectrum: Tensor, window: tuple[int, int], box: tuple[int, int, int, int]) -> Tensor:
+    """Inverse transform of [..., h, w // 2 + 1], computed only where it is wanted.
+
+    Args:
+        spectrum: Half spectrum of a window.
+        window: (height, width).
+        box: (top, left, height, width) of what is wanted.
+    """
+    top, left, height, width = box
+    rows = torch.fft.ifft(spectrum, dim=-2)[..., top : top + height, :]
+    return torch.fft.irfft(rows, n=window[1], dim=-1)[..., left : left + width]

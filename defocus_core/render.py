@@ -1,0 +1,134 @@
+"""The renderer's door: pictures and radii in, defocused pictures out.
+
+Every picture is made of the same parts of the aperture: the left half of the first half of them,
+the right of the others, the centre as the mean of the two, whichever of them is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from defocus_core.aperture import Aperture
+from defocus_core.frame import render_frame
+from defocus_core.quality import find
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """What `render` returns.
+
+    Attributes:
+        render: The defocused image, shaped as the image given.
+        left: As seen through the lens half u.x < 0, None if not asked for.
+        right: As seen through the lens half u.x >= 0, None if not asked for.
+        stats: Counts of what was computed and what was skipped, summed over the batch.
+    """
+
+    render: Tensor
+    left: Tensor | None
+    right: Tensor | None
+    stats: dict[str, int]
+
+
+def render(
+    image: Tensor,
+    signed_radius: Tensor,
+    *,
+    aperture: Aperture | None = None,
+    quality: str = "standard",
+    left_right: bool = False,
+    num_layers: int | None = None,
+    psf_ks: int | None = None,
+    threads: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Rendering:
+    """Defocus images whose pixels have known CoC radii.
+
+    I(x) is the mean over the aperture of what each lens point sees first (Haeberli & Akeley 1990);
+    a pixel q with signed radius r is seen through lens point u at q + r u. Outside the frame
+    nothing is invented: each half of the aperture is divided by the share of it that saw the
+    frame.
+
+    Args:
+        image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
+        signed_radius: [B, 1, H, W], [B, H, W] or [H, W], px, negative nearer than focus.
+        aperture: The pupil, a round one by default.
+        quality: "draft", "standard" or "high": spacing of slices and parts of the aperture.
+        left_right: Whether to return the dual-pixel pair too.
+        num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
+            of the ladder of the quality.
+        psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
+        threads: Tiles computed at once. With more than one, torch itself should use one thread
+            (torch.set_num_threads(1)).
+        progress: Called with (tiles done, tiles in all) of each picture.
+
+    Returns:
+        Pictures in the shape and dtype of the image; half precision is computed in float32.
+
+    Raises:
+        ValueError: If shapes do not match, a radius or a pixel is not finite, an option is out of
+            its range, or a CoC does not fit psf_ks.
+    """
+    settings = find(quality)
+    _check_count("num_layers", num_layers)
+    _check_count("psf_ks", psf_ks)
+    _check_count("threads", threads)
+    pictures, radii = _batched(image, signed_radius)
+    pairs = []
+    stats: dict[str, int] = {}
+    for pixels, radius in zip(pictures, radii, strict=True):
+        pair, counts = render_frame(
+            pixels,
+            radius,
+            aperture=aperture or Aperture(),
+            quality=settings,
+            num_layers=num_layers,
+            psf_ks=psf_ks,
+            threads=threads,
+            progress=progress,
+        )
+        pairs.append(pair)
+        stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
+    left, right = torch.stack(pairs, 1).reshape(2, *image.shape)
+    centre = (left + right) / 2
+    return Rendering(
+        centre.to(image.dtype),
+        left.to(image.dtype) if left_right else None,
+        right.to(image.dtype) if left_right else None,
+        stats,
+    )
+
+
+def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
+    """[B, C, H, W] pixels and [B, H, W] radii of one dtype, float32 at least."""
+    if image.dim() not in (3, 4) or not image.is_floating_point():
+        raise ValueError(
+            f"image must be [B, C, H, W] or [C, H, W] of floats, got {image.dtype} "
+            f"{tuple(image.shape)}; decode integers to linear light first"
+        )
+    if not image.numel():
+        raise ValueError(f"image must hold a pixel, got {tuple(image.shape)}")
+    pixels = image.reshape(-1, *image.shape[-3:])
+    count, size = pixels.shape[0], pixels.shape[-2:]
+    shapes = {(count, 1, *size), (count, *size)} | ({tuple(size)} if count == 1 else set())
+    if tuple(signed_radius.shape) not in shapes:
+        raise ValueError(
+            f"signed_radius must be [B, 1, H, W] or [B, H, W] of the image "
+            f"{tuple(image.shape)}, got {tuple(signed_radius.shape)}; resample depth by nearest"
+        )
+    dtype = torch.promote_types(torch.promote_types(image.dtype, signed_radius.dtype), torch.float)
+    radii = signed_radius.to(image.device, dtype).reshape(count, *size)
+    pixels = pixels.to(dtype)
+    for name, values in (("signed_radius", radii), ("image", pixels)):
+        if not bool(torch.isfinite(values).all()):
+            raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
+    return pixels, radii
+
+
+def _check_count(name: str, count: int | None) -> None:
+    if count is not None and count < 1:
+        raise ValueError(f"{name} must be at least 1, got {count}")

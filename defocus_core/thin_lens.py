@@ -1,0 +1,250 @@
+"""The thin lens: focus, circle of confusion, depth of field.
+
+Lengths are in mm. Distances may be negative, the optics habit for object space, or positive, with
+the same meaning. Infinity is a depth and a focus distance like any other.
+
+The law, with A = f / N and v = f s / (s - f):
+
+    c(z) = A v (1/s - 1/z)
+
+is signed (negative nearer than focus) and affine in disparity 1/z, in which nothing needs a clamp.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+Scalar = float | Tensor
+
+
+class ThinLens:
+    """A thin lens in front of a sensor of square pixels.
+
+    Every parameter may be a float or a 0-dim tensor, and gradients flow to it. Results follow the
+    dtype (at least float32) and the device of the tensor that is passed in; `dtype` and `device`
+    serve for arguments that are plain numbers.
+
+    Attributes:
+        foclen: Focal length f in mm.
+        fnum: F-number N; the aperture is f / N across.
+        sensor_size: Sensor (width, height) in mm.
+        sensor_res: Sensor (width, height) in px. A smaller image is a crop at the same pitch.
+        pixel_size: Sensor width / width in px, in mm, on both axes.
+        foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 at first.
+        d_far: Depth beyond which `coc` stays what it is there, in mm; -inf for none.
+        d_close: Depth nearer than which `coc` stays what it is there, in mm; 0 for none.
+        obj_depth: Depth that the PSF maps show by default, in mm.
+    """
+
+    def __init__(
+        self,
+        foclen: Scalar,
+        fnum: Scalar,
+        sensor_size: tuple[float, float] = (8.0, 8.0),
+        sensor_res: tuple[int, int] = (2000, 2000),
+        device: torch.device | str | None = None,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        """Describe lens and sensor; the focus is at 20 m.
+
+        Args:
+            foclen: Focal length in mm, > 0.
+            fnum: F-number, > 0.
+            sensor_size: (width, height) in mm.
+            sensor_res: (width, height) in px.
+            device: Where results for plain numbers live; the CPU by default.
+            dtype: Floating-point type of results for plain numbers.
+
+        Raises:
+            ValueError: If a quantity is not positive and finite, the pitches of the two axes differ
+                by more than 1 %, or dtype is not floating point.
+        """
+        quantities = {"foclen": foclen, "fnum": fnum}
+        quantities |= {"sensor width": sensor_size[0], "sensor height": sensor_size[1]}
+        quantities |= {"horizontal sensor_res": sensor_res[0], "vertical sensor_res": sensor_res[1]}
+        for name, value in quantities.items():
+            if not 0 < _number(value) < math.inf:
+                raise ValueError(
+                    f"{name} must be positive and finite, got {_number(value)}; "
+                    "lengths are in mm, sensor_size and sensor_res are (width, height)"
+                )
+        if not dtype.is_floating_point:
+            raise ValueError(f"dtype must be floating point, got {dtype}; use torch.float32")
+        across, down = sensor_size[0] / sensor_res[0], sensor_size[1] / sensor_res[1]
+        if abs(down / across - 1) > 0.01:
+            raise ValueError(
+                f"pixels must be square, got {across:.5g} mm across and {down:.5g} mm down from "
+                f"sensor_size={sensor_size} and sensor_res={sensor_res}; "
+                f"use a sensor height of {across * sensor_res[1]:.5g} mm"
+            )
+        self.foclen = foclen
+        self.fnum = fnum
+        self.sensor_size = sensor_size
+        self.sensor_res = sensor_res
+        self.pixel_size = across
+        self.device = torch.device(device or "cpu")
+        self.dtype = dtype
+        self.d_far = -math.inf
+        self.d_close = 0.0
+        self.obj_depth = -20000.0
+        self.refocus(-20000.0)
+
+    def refocus(self, foc_dist: Scalar) -> None:
+        """Focus at a distance of |foc_dist| mm, which may be infinite.
+
+        Raises:
+            ValueError: Unless foclen < |foc_dist|.
+        """
+        self._require_real_image("foc_dist", foc_dist)
+        self._focus = foc_dist
+
+    @property
+    def foc_dist(self) -> Scalar:
+        """-s in mm; computed anew from a tensor, so that each backward pass has its own graph."""
+        return -(self._focus.abs() if isinstance(self._focus, Tensor) else abs(self._focus))
+
+    @foc_dist.setter
+    def foc_dist(self, foc_dist: Scalar) -> None:
+        self.refocus(foc_dist)
+
+    def signed_coc(self, depth: Scalar) -> Tensor:
+        """The law: signed diameter of the circle of confusion in mm, negative nearer than focus.
+
+        Args:
+            depth: Distance in mm, of either sign, any shape; ±inf allowed.
+
+        Returns:
+            Diameters in mm, depth's shape.
+
+        Raises:
+            ValueError: If a depth is zero or NaN, or foclen is no longer less than |foc_dist|.
+        """
+        self._require_real_image("foc_dist", self.foc_dist)
+        z = self._distance(depth).clamp(abs(self.d_close), abs(self.d_far))
+        s = _like(self.foc_dist, z).abs()
+        return self._coc_per_disparity(s) * (1 / s - 1 / z)
+
+    def signed_radius(self, depth: Scalar) -> Tensor:
+        """Signed CoC radius r = c / (2 p) in px, the unit of the renderer.
+
+        Args:
+            depth: Positive planar depth in mm, any shape; inf allowed.
+
+        Returns:
+            Radii in px, depth's shape.
+
+        Raises:
+            ValueError: If a depth is zero, negative or NaN.
+        """
+        depth = self._tensor(depth)
+        if not bool((depth > 0).all()):
+            raise _bad_depth(depth, depth > 0, "positive")
+        return self.signed_coc(depth) / (2 * self.pixel_size)
+
+    def coc(self, depth: Scalar) -> Tensor:
+        """Diameter of the circle of confusion in mm, unsigned; as `signed_coc` otherwise."""
+        return self.signed_coc(depth).abs()
+
+    def hyperfocal(self, coc: Scalar) -> Tensor:
+        """The nearest focus distance whose depth of field reaches infinity, f + f² / (N c), in mm.
+
+        Args:
+            coc: Acceptable circle of confusion, diameter in mm, > 0.
+
+        Raises:
+            ValueError: If coc is not positive.
+        """
+        c = self._acceptable(coc)
+        if not bool((c > 0).all()):
+            raise ValueError(f"coc must be positive, got {float(c.min())}; 0.03 mm suits 36×24 mm")
+        f = _like(self.foclen, c)
+        return f + f * f / (_like(self.fnum, c) * c)
+
+    def dof(self, depth: Scalar, coc: Scalar | None = None) -> Tensor:
+        """Depth of field in mm of this lens focused at a depth.
+
+        Args:
+            depth: Distance in mm, of either sign, any shape, beyond the focal length.
+            coc: Acceptable circle of confusion, diameter in mm. None takes each point's own, as
+                the lens is focused now: the range about a point that its blur would forgive.
+
+        Returns:
+            far - near in mm, infinite from the hyperfocal distance on.
+
+        Raises:
+            ValueError: If a depth is NaN or not beyond the focal length, or coc is negative or NaN.
+        """
+        near, far = self.dof_limits(depth, self.coc(depth) if coc is None else coc)
+        endless = far.isinf()
+        return torch.where(endless, math.inf, torch.where(endless, 0.0, far) - near)
+
+    def dof_limits(self, foc_dist: Scalar, coc: Scalar) -> tuple[Tensor, Tensor]:
+        """Where the CoC reaches ±coc when focused at foc_dist: the law solved for z.
+
+        Args:
+            foc_dist: Focus distance in mm, of either sign, any shape, beyond the focal length.
+            coc: Acceptable circle of confusion, diameter in mm, >= 0.
+
+        Returns:
+            (near, far): positive distances in mm; far is inf from the hyperfocal distance on.
+
+        Raises:
+            ValueError: If foc_dist is NaN or not beyond foclen, or coc is negative or NaN.
+        """
+        s = self._distance(foc_dist)
+        self._require_real_image("foc_dist", s)
+        margin = _like(self._acceptable(coc), s) / self._coc_per_disparity(s)
+        finite = 1 / s > margin
+        far = torch.where(finite, 1 / torch.where(finite, 1 / s - margin, 1.0), math.inf)
+        return 1 / (1 / s + margin), far
+
+    def _coc_per_disparity(self, s: Tensor) -> Tensor:
+        """A v in mm² for a focus distance s: f² / (N (1 - f / s))."""
+        f = _like(self.foclen, s)
+        return f * f / (_like(self.fnum, s) * (1 - f / s))
+
+    def _tensor(self, value: Scalar) -> Tensor:
+        """A tensor of at least float32."""
+        if not isinstance(value, Tensor):
+            return torch.tensor(value, dtype=self.dtype, device=self.device)
+        floating = value if value.is_floating_point() else value.to(self.dtype)
+        return floating.to(torch.promote_types(floating.dtype, torch.float32))
+
+    def _distance(self, depth: Scalar) -> Tensor:
+        z = self._tensor(depth).abs()
+        if not bool((z > 0).all()):
+            raise _bad_depth(z, z > 0, "other than 0")
+        return z
+
+    def _require_real_image(self, name: str, distance: Scalar) -> None:
+        nearest = _number(distance.abs().min() if isinstance(distance, Tensor) else abs(distance))
+        if not _number(self.foclen) < nearest:
+            raise ValueError(
+                f"{name} must be farther than foclen={_number(self.foclen):g} mm, got "
+                f"{nearest:g} mm; distances are in mm and infinity is math.inf"
+            )
+
+    def _acceptable(self, coc: Scalar) -> Tensor:
+        c = self._tensor(coc)
+        if not bool((c >= 0).all()):
+            raise ValueError(f"coc must be a diameter in mm, 0 or more, got {float(c.min())}")
+        return c
+
+
+def _like(value: Scalar, other: Tensor) -> Tensor:
+    return torch.as_tensor(value, dtype=other.dtype, device=other.device)
+
+
+def _number(value: Scalar) -> float:
+    return float(value.detach()) if isinstance(value, Tensor) else float(value)
+
+
+def _bad_depth(depth: Tensor, good: Tensor, wanted: str) -> ValueError:
+    bad = depth.detach()[~good].flatten()
+    return ValueError(
+        f"depth must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
+        "fill or mask what is not known, inf is the sky"
+    )
