@@ -7,57 +7,36 @@ both: each slice adds its coverage until the whole part is covered.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
+# Guards 0 / 0 where nothing is left to cover; shares below it are of no consequence.
+_LEAST_SHARE = 1e-12
 
-class Composite(NamedTuple):
-    """What a part of the aperture has seen so far.
 
-    Attributes:
-        color: [M, C, h, w], premultiplied by coverage.
-        coverage: [M, h, w] in [0, 1].
+def add_behind(seen: Tensor, layer: Tensor) -> Tensor:
+    """Add a layer behind what the parts of the aperture have seen so far.
+
+    The layer adds min(1, (1 - A) / a) of itself, where A is what is covered and a its coverage:
+    A grows by min(a, 1 - A).
+
+    Args:
+        seen: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1]. Not
+            changed where a gradient is wanted, else overwritten by the result.
+        layer: The same of the layer.
     """
-
-    color: Tensor
-    coverage: Tensor
-
-
-def nothing(parts: int, channels: int, size: tuple[int, int], like: Tensor) -> Composite:
-    """The composite before the first slice."""
-    return Composite(
-        torch.zeros(parts, channels, *size, dtype=like.dtype, device=like.device),
-        torch.zeros(parts, *size, dtype=like.dtype, device=like.device),
-    )
+    left = (1 - seen[:, -1:]).clamp(min=0)
+    share = left / torch.maximum(layer[:, -1:], left).clamp(min=_LEAST_SHARE)
+    if torch.is_grad_enabled():
+        return seen.addcmul(layer, share)
+    return seen.addcmul_(layer, share)
 
 
-def add_behind(front: Composite, slices: Tensor) -> Composite:
-    """Add slices [K, M, C + 1, h, w], nearest first, the last channel being coverage.
-
-    Slice k adds min(1, (1 - A) / a_k) of itself, with A what is covered and a_k its coverage:
-    A grows by min(a_k, 1 - A).
-    """
-    coverage = slices[:, :, -1].clamp(min=0)  # transforms leave ±1e-8
-    covered = torch.cat([front.coverage[None], coverage]).cumsum(0).clamp(max=1)
-    share = _share(covered.diff(dim=0), coverage)
-    color = (slices[:, :, :-1] * share[:, :, None]).sum(0)
-    return Composite(front.color + color, covered[-1])
-
-
-def _share(seen: Tensor, coverage: Tensor) -> Tensor:
-    """Seen / coverage in [0, 1], 0 where there is no coverage."""
-    some = coverage > 0
-    return torch.where(some, seen / torch.where(some, coverage, 1.0), 0.0).clamp(max=1)
-
-
-def picture(composite: Composite) -> Tensor:
+def picture(seen: Tensor) -> Tensor:
     """The left and the right image [2, C, h, w], each divided by the share that saw something.
 
     A pixel sees at least its own surface through each half of the aperture: the share is positive.
     """
-    halves = len(composite.coverage) // 2
-    color = torch.stack(composite.color.split(halves)).sum(1)
-    coverage = torch.stack(composite.coverage.split(halves)).sum(1)
-    return color / coverage[:, None]
+    left, right = seen.tensor_split(2)
+    halves = torch.stack([left.sum(0), right.sum(0)])
+    return halves[:, :-1] / halves[:, -1:]

@@ -6,7 +6,7 @@ Hidden slices fill only what is left, so they are summed while still transformed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import groupby
@@ -17,15 +17,12 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.aperture import Aperture, parts
-from defocus_core.compositing import add_behind, nothing, picture
+from defocus_core.compositing import add_behind, picture
 from defocus_core.convolution import crop_inverse, kernel_spectra, reach, transform_length
 from defocus_core.hidden import hidden_layer
 from defocus_core.quality import Quality
-from defocus_core.slicing import Slices, cut, evenly, membership, rungs
+from defocus_core.slicing import evenly, layers, membership, position, rungs
 from defocus_core.tiling import TILE, Tile, tiles, visible_slices
-
-# Slices that are blurred at once: what they take stays in the cache.
-_BATCH = 4
 
 
 def render_frame(
@@ -77,12 +74,12 @@ class _Surface(NamedTuple):
 
     Attributes:
         pixels: [C + 1, H + margins, W + margins], premultiplied, the last channel coverage.
-        slices: Of the pixels, margins included.
+        places: [H + margins, W + margins], positions of the pixels on the ladder.
         plan: For each tile the indices of the slices that reach it, nearest first.
     """
 
     pixels: Tensor
-    slices: Slices
+    places: Tensor
     plan: list[list[int]]
 
 
@@ -93,14 +90,12 @@ class _Window:
     Attributes:
         margin: Px around a tile.
         size: (height, width) of the transform.
-        slices: Indices of the slices that use it, ascending.
-        spectra: [K, M, height, width // 2 + 1] of their kernels.
+        spectra: Of the kernels, by the index of the slice: [M, 1, height, width // 2 + 1].
     """
 
     margin: int
     size: tuple[int, int]
-    slices: list[int]
-    spectra: Tensor
+    spectra: dict[int, Tensor]
 
 
 class _Frame:
@@ -121,107 +116,84 @@ class _Frame:
         self.reaches = [reach(r, max(H, W) - 1) for r in self.radii]
         self.grid = tiles(H, W)
         self.side = (min(TILE, H), min(TILE, W))
+        self.layers = layers(self.radii, quality)
         self.windows = self._windows(aperture, pixels)
         self.margin = max(w.margin for w in self.windows.values())
         hidden = hidden_layer(pixels, signed_radius)
-        opaque = torch.ones_like(signed_radius, dtype=torch.bool)
-        self.visible = self._surface(pixels, signed_radius, opaque)
+        self.visible = self._surface(pixels, signed_radius, None)
         self.hidden = self._surface(hidden.color, hidden.signed_radius, hidden.mask)
 
     def _windows(self, aperture: Aperture, like: Tensor) -> dict[int, _Window]:
         """The window of each slice that is blurred at all; slices in one window share it."""
         sizes: dict[tuple[int, int], list[int]] = {}
         for k, spread in enumerate(self.reaches):
-            size = tuple(transform_length(n + 2 * spread) for n in self.side)
+            widest = max(self.reaches[j] for j, g in enumerate(self.layers) if g == self.layers[k])
+            size = tuple(transform_length(n + 2 * widest) for n in self.side)
             sizes.setdefault((size[0], size[1]), []).append(k)
         windows = {}
         for size, slices in sizes.items():
             extent = max(self.reaches[k] for k in slices)
             radii = torch.tensor([self.radii[k] for k in slices], dtype=torch.float64)
-            spectra = kernel_spectra(radii, extent, size, aperture, self.parts)
             precision = torch.complex128 if like.dtype == torch.float64 else torch.complex64
-            window = _Window(extent, size, slices, spectra.to(like.device, precision))
+            spectra = kernel_spectra(radii, extent, size, aperture, self.parts)
+            spectra = spectra.to(like.device, precision)[:, :, None]
+            window = _Window(extent, size, dict(zip(slices, spectra, strict=True)))
             windows.update(dict.fromkeys(slices, window))
         return windows
 
-    def _surface(self, color: Tensor, radius: Tensor, mask: Tensor) -> _Surface:
-        slices = cut(radius, self.radii)
-        plan = visible_slices(slices, mask, self.reaches, self.grid)
-        pixels = torch.cat([color, torch.ones_like(color[:1])]) * mask
+    def _surface(self, color: Tensor, radius: Tensor, mask: Tensor | None) -> _Surface:
+        places = position(radius, self.radii)
+        plan = visible_slices(places, mask, self.reaches, self.grid)
+        pixels = torch.cat([color, torch.ones_like(color[:1])])
+        pixels = pixels if mask is None else pixels * mask
         H, W = radius.shape
         longest = [max(w.size[i] for w in self.windows.values()) for i in (0, 1)]
         below = longest[0] + TILE * ((H - 1) // TILE) - H
         beside = longest[1] + TILE * ((W - 1) // TILE) - W
         margins = (self.margin, max(beside, 0), self.margin, max(below, 0))
-        padded = Slices(self.radii, pad(slices.lower, margins), pad(slices.upper_share, margins))
-        return _Surface(pad(pixels, margins), padded, plan)
+        return _Surface(pad(pixels, margins), pad(places, margins), plan)
 
     def tile(self, index: int) -> Tensor:
         """The left and the right image [2, C, h, w] of one tile."""
         box = self.grid[index]
-        channels = self.visible.pixels.shape[0] - 1
-        seen = nothing(len(self.parts), channels, (box.height, box.width), self.visible.pixels)
-        for layers in self._blurred(self.visible, index):
-            seen = add_behind(seen, layers)
+        shape = (len(self.parts), len(self.visible.pixels), box.height, box.width)
+        seen = self.visible.pixels.new_zeros(shape)
+        for _, group in groupby(self.visible.plan[index], key=lambda k: self.layers[k]):
+            seen = add_behind(seen, self._blurred(self.visible, list(group), box))
         if behind := self._behind(index):
-            seen = add_behind(seen, torch.stack(behind).sum(0, keepdim=True))
+            seen = add_behind(seen, torch.stack(behind).sum(0))
         return picture(seen)
-
-    def _blurred(self, surface: _Surface, index: int) -> Iterator[Tensor]:
-        """Slices [k, M, C + 1, h, w] of a surface over a tile, nearest first."""
-        box = self.grid[index]
-        for window, slices in self._batches(surface.plan[index]):
-            layers = self._members(surface, box, window, slices)
-            if window.margin == 0:
-                inside = layers[..., : box.height, : box.width]
-                yield inside[:, None].expand(-1, len(self.parts), -1, -1, -1)
-            else:
-                spectrum = torch.fft.rfft2(layers)[:, None] * self._kernels(window, slices)
-                yield self._crop(spectrum, window, box)
 
     def _behind(self, index: int) -> list[Tensor]:
         """The hidden slices over a tile, summed by window: [M, C + 1, h, w] each."""
-        box = self.grid[index]
-        sums = []
-        for key, group in groupby(self.hidden.plan[index], key=lambda k: id(self.windows[k])):
-            del key
-            slices = list(group)
-            window = self.windows[slices[0]]
-            layers = self._members(self.hidden, box, window, slices)
-            if window.margin == 0:
-                layer = layers.sum(0)[..., : box.height, : box.width]
-                sums.append(layer.expand(len(self.parts), -1, -1, -1))
-                continue
-            kernels = self._kernels(window, slices)
-            spectrum = (torch.fft.rfft2(layers)[:, None] * kernels).sum(0)
-            sums.append(self._crop(spectrum, window, box))
-        return sums
+        plan = self.hidden.plan[index]
+        return [
+            self._blurred(self.hidden, list(group), self.grid[index])
+            for _, group in groupby(plan, key=lambda k: id(self.windows[k]))
+        ]
 
-    def _batches(self, plan: list[int]) -> Iterator[tuple[_Window, list[int]]]:
-        for _, group in groupby(plan, key=lambda k: id(self.windows[k])):
-            slices = list(group)
-            for start in range(0, len(slices), _BATCH):
-                yield self.windows[slices[0]], slices[start : start + _BATCH]
+    def _blurred(self, surface: _Surface, slices: list[int], box: Tile) -> Tensor:
+        """The sum of slices that share a window, each blurred, over a tile: [M, C + 1, h, w]."""
+        window = self.windows[slices[0]]
+        pixels = self._members(surface, box, window, slices)
+        if window.margin == 0:
+            inside = pixels[..., : box.height, : box.width].sum(0)
+            return inside.expand(len(self.parts), -1, -1, -1)
+        total: Tensor | None = None
+        for k, spectrum in zip(slices, torch.fft.rfft2(pixels), strict=True):
+            kernels = window.spectra[k]
+            total = spectrum * kernels if total is None else total.addcmul_(spectrum, kernels)
+        assert total is not None
+        wanted = (window.margin, window.margin, box.height, box.width)
+        return crop_inverse(total, window.size, wanted)
 
     def _members(self, surface: _Surface, box: Tile, window: _Window, slices: list[int]) -> Tensor:
         """The pixels of slices within a window, [k, C + 1, height, width]."""
-        top, left = (box.top + self.margin - window.margin, box.left + self.margin - window.margin)
+        top, left = box.top + self.margin - window.margin, box.left + self.margin - window.margin
         rows, columns = slice(top, top + window.size[0]), slice(left, left + window.size[1])
-        index = torch.tensor(slices, device=surface.pixels.device)
-        lower, share = surface.slices.lower[rows, columns], surface.slices.upper_share[rows, columns]
-        return surface.pixels[:, rows, columns] * membership(lower, share, index)[:, None]
-
-    def _kernels(self, window: _Window, slices: list[int]) -> Tensor:
-        """Spectra [k, M, 1, height, width // 2 + 1]."""
-        first = window.slices.index(slices[0])
-        if window.slices[first : first + len(slices)] == slices:
-            return window.spectra[first : first + len(slices), :, None]
-        index = [window.slices.index(k) for k in slices]
-        return window.spectra[index][:, :, None]
-
-    def _crop(self, spectrum: Tensor, window: _Window, box: Tile) -> Tensor:
-        wanted = (window.margin, window.margin, box.height, box.width)
-        return crop_inverse(spectrum, window.size, wanted)
+        index = torch.tensor(slices, dtype=surface.places.dtype, device=surface.places.device)
+        shares = membership(surface.places[rows, columns], index)
+        return surface.pixels[:, rows, columns] * shares[:, None]
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""

@@ -9,6 +9,7 @@ after Gortler et al. 1996, with supports that mirror with the frame).
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -46,14 +47,17 @@ def hidden_layer(image: Tensor, signed_radius: Tensor) -> HiddenLayer:
     """
     r = signed_radius.detach()
     wanted = revealed(r) > r + _STEP
-    color, radius = image.new_zeros(image.shape), signed_radius.clone()
-    values = torch.cat([image, signed_radius[None]])
-    for low, high in _bands(r[wanted]):
-        here = wanted & (r >= low) & (r < high)
-        farther = r > high + _STEP
-        found = _push_pull(values, farther.to(values.dtype)[None])
-        color = torch.where(here, found[:-1], color)
-        radius = torch.where(here, found[-1], radius)
+    at = torch.nonzero(wanted)
+    near = r[wanted]
+    values = torch.cat([image, signed_radius[None], torch.ones_like(image[:1])])
+    found = torch.zeros(len(at), len(values) - 1, dtype=image.dtype, device=image.device)
+    for low, high in _bands(near):
+        here = (near >= low) & (near < high)
+        farther = (r > high + _STEP).to(values.dtype)
+        found[here] = _continued(values * farther, at[here])
+    color, radius = torch.zeros_like(image), signed_radius.clone()
+    color[:, at[:, 0], at[:, 1]] = found[:, :-1].T
+    radius[at[:, 0], at[:, 1]] = found[:, -1]
     return HiddenLayer(color, radius, wanted & (radius.detach() > r + _STEP / 2))
 
 
@@ -104,22 +108,56 @@ def _bands(r: Tensor) -> list[tuple[float, float]]:
         side.append(side[-1] + max(2.0, 0.25 * side[-1]))
     ladder = [-x for x in reversed(side[1:])] + side
     counts = torch.histogram(r.flatten().double().cpu(), torch.tensor(ladder).double()).hist
-    pairs = zip(ladder, ladder[1:], strict=False)
-    return [pair for pair, count in zip(pairs, counts.tolist(), strict=True) if count]
+    return [pair for pair, count in zip(pairwise(ladder), counts.tolist(), strict=True) if count]
 
 
-def _push_pull(values: Tensor, weight: Tensor) -> Tensor:
-    """Values [K, H, W] where weight [1, H, W] is 1, elsewhere a smooth continuation of them."""
-    levels = [(values * weight, weight)]
-    while max(levels[-1][1].shape) > 1:
-        weighted, weight = levels[-1]
-        size = tuple((n + 1) // 2 for n in weight.shape[-2:])
-        pooled = 4 * adaptive_avg_pool2d(torch.cat([weighted, weight]), size)
-        pooled = pooled / pooled[-1:].clamp(min=1)
-        levels.append((pooled[:-1], pooled[-1:]))
-    weighted, weight = levels.pop()
-    found = weighted / torch.where(weight > 0, weight, 1.0)
-    for weighted, weight in reversed(levels):
-        found = interpolate(found[None], size=weight.shape[-2:], mode="bilinear")[0]
-        found = weighted + (1 - weight) * found
-    return found
+def _continued(weighted: Tensor, at: Tensor) -> Tensor:
+    """A smooth continuation of values to pixels that have none.
+
+    Args:
+        weighted: [K + 1, H, W], values times weight, the last channel weight: 0 or 1.
+        at: [n, 2] rows and columns of pixels of weight 0.
+
+    Returns:
+        [n, K].
+    """
+    size = (weighted.shape[-2], weighted.shape[-1])
+    levels = []
+    while max(weighted.shape[-2:]) > 1:
+        pooled = _pooled(_pooled(weighted, -1), -2)
+        weighted = pooled / pooled[-1:].clamp(min=1)
+        levels.append(weighted)
+    weight = levels[-1][-1:]
+    found = levels.pop()[:-1] / torch.where(weight > 0, weight, 1.0)
+    for level in reversed(levels):
+        found = interpolate(found[None], size=level.shape[-2:], mode="bilinear")[0]
+        found = level[:-1] + (1 - level[-1:]) * found
+    return _bilinear(found, at, size)
+
+
+def _pooled(values: Tensor, dim: int) -> Tensor:
+    """Sums of two along -1 or -2; an odd length is covered evenly, as seen from both ends."""
+    if values.shape[dim] % 2 == 0:
+        first, second = values.unflatten(dim, (-1, 2)).unbind(dim)
+        return first + second
+    size = list(values.shape[-2:])
+    size[dim] = (size[dim] + 1) // 2
+    return 2 * adaptive_avg_pool2d(values, size)
+
+
+def _bilinear(coarse: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
+    """Coarse values [K, h, w] at pixels [n, 2] of a frame of the given size: [n, K]."""
+    (y0, y1, fy), (x0, x1, fx) = (
+        _between(at[:, d], coarse.shape[d + 1], size[d], coarse.dtype) for d in (0, 1)
+    )
+    above = coarse[:, y0, x0] * (1 - fx) + coarse[:, y0, x1] * fx
+    below = coarse[:, y1, x0] * (1 - fx) + coarse[:, y1, x1] * fx
+    return (above * (1 - fy) + below * fy).T
+
+
+def _between(index: Tensor, length: int, full: int, dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+    """The two coarse samples beside a pixel, and the share of the second."""
+    place = (index.to(dtype) + 0.5) * (length / full) - 0.5
+    first = place.floor().clamp(0, length - 1)
+    share = (place - first).clamp(0, 1)
+    return first.long(), (first.long() + 1).clamp(max=length - 1), share

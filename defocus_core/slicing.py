@@ -6,26 +6,15 @@ belongs to both, by weights that sum to one and keep the second moment of its bl
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import torch
 from torch import Tensor
 
 from defocus_core.quality import Quality
 
-
-class Slices(NamedTuple):
-    """Where each pixel stands on the ladder.
-
-    Attributes:
-        radii: Signed radii of the slices in px, ascending: nearest first.
-        lower: [...] index of the slice below the pixel's radius.
-        upper_share: [...] share of the pixel in slice `lower` + 1; the rest is in `lower`.
-    """
-
-    radii: tuple[float, ...]
-    lower: Tensor
-    upper_share: Tensor
+# Radii in px below which each slice occludes for itself.
+_ALONE = 2.0
 
 
 def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
@@ -47,14 +36,29 @@ def evenly(least: float, most: float, count: int) -> tuple[float, ...]:
     return tuple(least + (most - least) * k / (count - 1) for k in range(count))
 
 
-def cut(signed_radius: Tensor, radii: tuple[float, ...]) -> Slices:
-    """Place radii [...] px on the ladder; what lies beyond its ends belongs to the end."""
+def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
+    """For each slice the number of its layer, ascending: slices of a layer add, layers occlude.
+
+    Where |r| < 2 px each slice is a layer. Beyond, a layer holds the radii of one side of focus
+    that differ by the quality's ratio at most, in ranges that are fixed as the ladder is. What is
+    visible of two surfaces as close as that is nearly complementary after the blur, whichever is
+    in front.
+    """
+    names: list[tuple[int, float]] = []
+    for r in radii:
+        steps = math.log(max(abs(r), _ALONE) / _ALONE) / math.log(quality.layer_ratio)
+        names.append((0, r) if abs(r) < _ALONE else (1 if r > 0 else -1, math.floor(steps)))
+    number = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    return [number[name] for name in names]
+
+
+def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
+    """Where radii [...] px stand on the ladder: k on rung k, between k and k + 1 by shares.
+
+    What lies beyond an end of the ladder belongs to this end. Differentiable in the radius.
+    """
     if len(radii) == 1:
-        return Slices(
-            radii,
-            torch.zeros_like(signed_radius, dtype=torch.long),
-            torch.zeros_like(signed_radius),
-        )
+        return torch.zeros_like(signed_radius)
     ladder = torch.tensor(radii, dtype=signed_radius.dtype, device=signed_radius.device)
     lower = torch.searchsorted(ladder, signed_radius.detach().contiguous(), right=True) - 1
     lower = lower.clamp(0, len(radii) - 2)
@@ -63,13 +67,10 @@ def cut(signed_radius: Tensor, radii: tuple[float, ...]) -> Slices:
     one_side = low * high >= 0
     moment = torch.where(one_side, high * high - low * low, 1.0)
     width = torch.where(high > low, high - low, 1.0)
-    share = torch.where(one_side, (r * r - low * low) / moment, (r - low) / width)
-    return Slices(radii, lower, share)
+    share = torch.where(one_side & (high > low), (r * r - low * low) / moment, (r - low) / width)
+    return lower + share
 
 
-def membership(lower: Tensor, upper_share: Tensor, slices: Tensor) -> Tensor:
-    """Share of each pixel in the slices of the given indices: [K] and [..., H, W] to [K, H, W]."""
-    k = slices[:, None, None]
-    zero = torch.zeros((), dtype=upper_share.dtype, device=upper_share.device)
-    below = torch.where(lower == k, 1 - upper_share, zero)
-    return torch.where(lower == k - 1, upper_share, below)
+def membership(places: Tensor, slices: Tensor) -> Tensor:
+    """Share of pixels at the given positions [H, W] in slices [K]: [K, H, W], a partition of 1."""
+    return (1 - (places - slices[:, None, None]).abs()).clamp(min=0)

@@ -12,9 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.slicing import Slices
-
-TILE = 128
+TILE = 96
 # Px on a side of the blocks in which the presence of slices is recorded.
 _BLOCK = 16
 
@@ -38,17 +36,17 @@ def tiles(height: int, width: int, side: int = TILE) -> list[Tile]:
 
 
 def visible_slices(
-    slices: Slices, present: Tensor | None, reaches: list[int], grid: list[Tile]
+    places: Tensor, present: Tensor | None, reaches: list[int], grid: list[Tile]
 ) -> list[list[int]]:
     """For each tile the indices of the slices that reach it, nearest first.
 
     Args:
-        slices: Of [H, W] pixels.
+        places: [H, W] positions of pixels on the ladder.
         present: [H, W] bool, which pixels exist; None if all do.
         reaches: Px that each slice spreads.
         grid: The tiles.
     """
-    count = _block_counts(slices, present)
+    count = _block_counts(places.detach(), present, len(reaches))
     rows, columns = count.shape[1] - 1, count.shape[2] - 1
     top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*grid, strict=True))
     reach = torch.tensor(reaches)[None]  # [1, K]
@@ -61,18 +59,15 @@ def visible_slices(
     return [torch.nonzero(row)[:, 0].tolist() for row in inside > 0]
 
 
-def _block_counts(slices: Slices, present: Tensor | None) -> Tensor:
+def _block_counts(places: Tensor, present: Tensor | None, slices: int) -> Tensor:
     """Summed-area table [K, rows + 1, columns + 1] of blocks that hold a pixel of each slice."""
-    H, W = slices.lower.shape
+    H, W = places.shape
     rows, columns = -(-H // _BLOCK), -(-W // _BLOCK)
-    device = slices.lower.device
-    block = (torch.arange(H, device=device) // _BLOCK)[:, None] * columns
-    block = block + (torch.arange(W, device=device) // _BLOCK)[None]
-    key = slices.lower * (rows * columns) + block
-    cells = (len(slices.radii) + 1) * rows * columns
-    found = torch.zeros(cells, dtype=torch.int32, device=device)
-    for index, weight in ((key, 1 - slices.upper_share), (key + rows * columns, slices.upper_share)):
-        some = weight > 0 if present is None else (weight > 0) & present
-        found.index_put_((index[some],), found.new_ones(()))
-    table = found.reshape(-1, rows, columns)[:-1].cpu()
+    down = torch.arange(H, device=places.device) // _BLOCK * columns
+    block = down[:, None] + torch.arange(W, device=places.device) // _BLOCK
+    found = torch.zeros(slices * rows * columns, dtype=torch.int32, device=places.device)
+    for slice_ in (places.floor(), places.ceil()):
+        key = slice_.long() * (rows * columns) + block
+        found[key if present is None else key[present]] = 1
+    table = found.reshape(slices, rows, columns).cpu()
     return torch.nn.functional.pad(table, (1, 0, 1, 0)).cumsum(1).cumsum(2)
