@@ -64,7 +64,9 @@ def kernel_spectra(
     return torch.fft.rfft2(padded.roll((-extent, -extent), (-2, -1)))
 
 
-def crop_inverse(spectrum: Tensor, window: tuple[int, int], box: tuple[int, int, int, int]) -> Tensor:
+def crop_inverse(
+    spectrum: Tensor, window: tuple[int, int], box: tuple[int, int, int, int]
+) -> Tensor:
     """Inverse transform of [..., h, w // 2 + 1], computed only where it is wanted.
 
     Args:

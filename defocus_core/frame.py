@@ -7,7 +7,6 @@ Hidden slices fill only what is left, so they are summed while still transformed
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
@@ -20,8 +19,10 @@ from defocus_core.aperture import Aperture, parts
 from defocus_core.compositing import add_behind, picture
 from defocus_core.convolution import crop_inverse, kernel_spectra, reach, transform_length
 from defocus_core.hidden import hidden_layer
+from defocus_core.highlights import draw, split
 from defocus_core.quality import Quality
 from defocus_core.slicing import evenly, layers, membership, position, rungs
+from defocus_core.threads import threaded
 from defocus_core.tiling import TILE, Tile, tiles, visible_slices
 
 
@@ -48,20 +49,13 @@ def render_frame(
         threads: As for `render`.
         progress: As for `render`.
     """
-    frame = _Frame(pixels, signed_radius, aperture, quality, num_layers, psf_ks)
-    done: list[Tensor] = []
-    grad = torch.is_grad_enabled()
-
-    def work(index: int) -> Tensor:
-        with torch.set_grad_enabled(grad):
-            return frame.tile(index)
-
+    frame = _Frame(pixels, signed_radius, aperture, quality, num_layers, psf_ks, threads)
     count = len(frame.grid)
-    with ThreadPoolExecutor(threads) as pool:
-        for result in pool.map(work, range(count)) if threads > 1 else map(work, range(count)):
-            done.append(result)
-            if progress:
-                progress(len(done), count)
+    done: list[Tensor] = []
+    for result in threaded(frame.tile, range(count), threads):
+        done.append(result)
+        if progress:
+            progress(len(done), count)
     rows = [
         torch.cat([done[i] for i in row], -1)
         for _, row in groupby(range(count), key=lambda i: frame.grid[i].top)
@@ -75,11 +69,13 @@ class _Surface(NamedTuple):
     Attributes:
         pixels: [C + 1, H + margins, W + margins], premultiplied, the last channel coverage.
         places: [H + margins, W + margins], positions of the pixels on the ladder.
+        stride: The ladder is every slice (1) or every other (2).
         plan: For each tile the indices of the slices that reach it, nearest first.
     """
 
     pixels: Tensor
     places: Tensor
+    stride: int
     plan: list[list[int]]
 
 
@@ -109,6 +105,7 @@ class _Frame:
         quality: Quality,
         num_layers: int | None,
         psf_ks: int | None,
+        threads: int,
     ) -> None:
         _, H, W = pixels.shape
         self.parts = parts(aperture, quality.parts)
@@ -119,14 +116,20 @@ class _Frame:
         self.layers = layers(self.radii, quality)
         self.windows = self._windows(aperture, pixels)
         self.margin = max(w.margin for w in self.windows.values())
-        hidden = hidden_layer(pixels, signed_radius)
-        self.visible = self._surface(pixels, signed_radius, None)
-        self.hidden = self._surface(hidden.color, hidden.signed_radius, hidden.mask)
+        pixels, highlights = split(pixels, signed_radius)
+        hidden = hidden_layer(pixels, signed_radius, threads)
+        stride = 1 if num_layers else quality.hidden_stride
+        self.visible = self._surface(pixels, signed_radius, None, 1)
+        self.hidden = self._surface(hidden.color, hidden.signed_radius, hidden.mask, stride)
+        self.highlights = None
+        if highlights:
+            places = position(signed_radius, self.radii)
+            self.highlights = draw(highlights, places, self.radii, aperture, self.parts)
 
     def _windows(self, aperture: Aperture, like: Tensor) -> dict[int, _Window]:
         """The window of each slice that is blurred at all; slices in one window share it."""
         sizes: dict[tuple[int, int], list[int]] = {}
-        for k, spread in enumerate(self.reaches):
+        for k in range(len(self.radii)):
             widest = max(self.reaches[j] for j, g in enumerate(self.layers) if g == self.layers[k])
             size = tuple(transform_length(n + 2 * widest) for n in self.side)
             sizes.setdefault((size[0], size[1]), []).append(k)
@@ -141,9 +144,10 @@ class _Frame:
             windows.update(dict.fromkeys(slices, window))
         return windows
 
-    def _surface(self, color: Tensor, radius: Tensor, mask: Tensor | None) -> _Surface:
-        places = position(radius, self.radii)
-        plan = visible_slices(places, mask, self.reaches, self.grid)
+    def _surface(self, color: Tensor, radius: Tensor, mask: Tensor | None, stride: int) -> _Surface:
+        places = position(radius, self.radii[::stride])
+        plan = visible_slices(places, mask, self.reaches[::stride], self.grid)
+        plan = [[k * stride for k in slices] for slices in plan]
         pixels = torch.cat([color, torch.ones_like(color[:1])])
         pixels = pixels if mask is None else pixels * mask
         H, W = radius.shape
@@ -151,7 +155,7 @@ class _Frame:
         below = longest[0] + TILE * ((H - 1) // TILE) - H
         beside = longest[1] + TILE * ((W - 1) // TILE) - W
         margins = (self.margin, max(beside, 0), self.margin, max(below, 0))
-        return _Surface(pad(pixels, margins), pad(places, margins), plan)
+        return _Surface(pad(pixels, margins), pad(places, margins), stride, plan)
 
     def tile(self, index: int) -> Tensor:
         """The left and the right image [2, C, h, w] of one tile."""
@@ -162,6 +166,11 @@ class _Frame:
             seen = add_behind(seen, self._blurred(self.visible, list(group), box))
         if behind := self._behind(index):
             seen = add_behind(seen, torch.stack(behind).sum(0))
+        if self.highlights is not None:
+            rows = slice(box.top, box.top + box.height)
+            columns = slice(box.left, box.left + box.width)
+            color = seen[:, :-1] + self.highlights[:, :, rows, columns]
+            seen = torch.cat([color, seen[:, -1:]], 1)
         return picture(seen)
 
     def _behind(self, index: int) -> list[Tensor]:
@@ -191,7 +200,8 @@ class _Frame:
         """The pixels of slices within a window, [k, C + 1, height, width]."""
         top, left = box.top + self.margin - window.margin, box.left + self.margin - window.margin
         rows, columns = slice(top, top + window.size[0]), slice(left, left + window.size[1])
-        index = torch.tensor(slices, dtype=surface.places.dtype, device=surface.places.device)
+        rungs_of = [k // surface.stride for k in slices]
+        index = torch.tensor(rungs_of, dtype=surface.places.dtype, device=surface.places.device)
         shares = membership(surface.places[rows, columns], index)
         return surface.pixels[:, rows, columns] * shares[:, None]
 

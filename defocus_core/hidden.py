@@ -16,6 +16,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d, interpolate
 
+from defocus_core.threads import threaded
+
 # Edges of radius, in px per pixel, above which one surface hides another.
 _EDGE = 1.0
 # Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
@@ -38,12 +40,13 @@ class HiddenLayer(NamedTuple):
     mask: Tensor
 
 
-def hidden_layer(image: Tensor, signed_radius: Tensor) -> HiddenLayer:
+def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> HiddenLayer:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
     Args:
         image: [C, H, W] linear.
         signed_radius: [H, W] px.
+        threads: Ranges of radius that are continued at once.
     """
     r = signed_radius.detach()
     wanted = revealed(r) > r + _STEP
@@ -51,10 +54,14 @@ def hidden_layer(image: Tensor, signed_radius: Tensor) -> HiddenLayer:
     near = r[wanted]
     values = torch.cat([image, signed_radius[None], torch.ones_like(image[:1])])
     found = torch.zeros(len(at), len(values) - 1, dtype=image.dtype, device=image.device)
-    for low, high in _bands(near):
-        here = (near >= low) & (near < high)
-        farther = (r > high + _STEP).to(values.dtype)
-        found[here] = _continued(values * farther, at[here])
+    bands = [((near >= low) & (near < high), high + _STEP) for low, high in _bands(near)]
+
+    def behind(band: tuple[Tensor, float]) -> Tensor:
+        here, beyond = band
+        return continued(values * (r > beyond).to(values.dtype), at[here])
+
+    for (here, _), values_there in zip(bands, threaded(behind, bands, threads), strict=True):
+        found[here] = values_there
     color, radius = torch.zeros_like(image), signed_radius.clone()
     color[:, at[:, 0], at[:, 1]] = found[:, :-1].T
     radius[at[:, 0], at[:, 1]] = found[:, -1]
@@ -99,19 +106,19 @@ def _dilate(shown: Tensor, dim: int, stride: int) -> Tensor:
 
 
 def _bands(r: Tensor) -> list[tuple[float, float]]:
-    """Ranges of radius that share one notion of what is farther: 2 px or a quarter of r wide."""
+    """Ranges of radius that share one notion of what is farther: 3 px or half of r wide."""
     if not r.numel():
         return []
     least, most = float(r.min()), float(r.max())
     side = [0.0]
     while side[-1] <= max(abs(least), abs(most)):
-        side.append(side[-1] + max(2.0, 0.25 * side[-1]))
+        side.append(side[-1] + max(3.0, 0.5 * side[-1]))
     ladder = [-x for x in reversed(side[1:])] + side
     counts = torch.histogram(r.flatten().double().cpu(), torch.tensor(ladder).double()).hist
     return [pair for pair, count in zip(pairwise(ladder), counts.tolist(), strict=True) if count]
 
 
-def _continued(weighted: Tensor, at: Tensor) -> Tensor:
+def continued(weighted: Tensor, at: Tensor) -> Tensor:
     """A smooth continuation of values to pixels that have none.
 
     Args:
@@ -138,10 +145,12 @@ def _continued(weighted: Tensor, at: Tensor) -> Tensor:
 def _pooled(values: Tensor, dim: int) -> Tensor:
     """Sums of two along -1 or -2; an odd length is covered evenly, as seen from both ends."""
     if values.shape[dim] % 2 == 0:
-        first, second = values.unflatten(dim, (-1, 2)).unbind(dim)
+        n = values.shape[dim] // 2
+        shape = [n, 2, values.shape[-1]] if dim == -2 else [values.shape[-2], n, 2]
+        first, second = values.reshape(-1, *shape).unbind(dim)
         return first + second
-    size = list(values.shape[-2:])
-    size[dim] = (size[dim] + 1) // 2
+    rows, columns = values.shape[-2:]
+    size = ((rows + 1) // 2, columns) if dim == -2 else (rows, (columns + 1) // 2)
     return 2 * adaptive_avg_pool2d(values, size)
 
 
@@ -155,7 +164,9 @@ def _bilinear(coarse: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
     return (above * (1 - fy) + below * fy).T
 
 
-def _between(index: Tensor, length: int, full: int, dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+def _between(
+    index: Tensor, length: int, full: int, dtype: torch.dtype
+) -> tuple[Tensor, Tensor, Tensor]:
     """The two coarse samples beside a pixel, and the share of the second."""
     place = (index.to(dtype) + 0.5) * (length / full) - 0.5
     first = place.floor().clamp(0, length - 1)

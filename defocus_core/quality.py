@@ -14,6 +14,7 @@ class Quality:
         far_spacing: The same as a share of the radius, where that is more.
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
+        hidden_stride: Hidden content uses every slice (1) or every other (2).
         parts: Parts of the aperture that are composited one by one: 2, 4, 8 or 16. Two are the
             left and the right half.
     """
@@ -21,13 +22,18 @@ class Quality:
     near_spacing: float
     far_spacing: float
     layer_ratio: float
+    hidden_stride: int
     parts: int
 
 
 QUALITY: dict[str, Quality] = {
-    "draft": Quality(near_spacing=1.0, far_spacing=0.2, layer_ratio=2.0, parts=2),
-    "standard": Quality(near_spacing=0.75, far_spacing=0.08, layer_ratio=1.6, parts=2),
-    "high": Quality(near_spacing=0.5, far_spacing=0.05, layer_ratio=1.33, parts=4),
+    "draft": Quality(near_spacing=1.0, far_spacing=0.2, layer_ratio=2.0, hidden_stride=2, parts=2),
+    "standard": Quality(
+        near_spacing=0.75, far_spacing=0.12, layer_ratio=1.6, hidden_stride=2, parts=2
+    ),
+    "high": Quality(
+        near_spacing=0.5, far_spacing=0.05, layer_ratio=4 / 3, hidden_stride=1, parts=4
+    ),
 }
 QUALITIES: tuple[str, ...] = tuple(QUALITY)
 

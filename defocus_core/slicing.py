@@ -18,14 +18,19 @@ _ALONE = 2.0
 
 
 def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
-    """The part of the ladder, at least two rungs, that holds radii from least to most."""
+    """The part of the ladder that holds radii from least to most.
+
+    It begins and ends on rungs that are an even number from focus, and has three at least: every
+    other rung is a ladder over the same range.
+    """
     reach = max(abs(least), abs(most))
     side = [0.0]
-    while side[-1] < reach or len(side) < 2:
+    while side[-1] < reach or len(side) % 2 == 0 or len(side) < 3:
         side.append(side[-1] + max(quality.near_spacing, quality.far_spacing * side[-1]))
     ladder = [-r for r in reversed(side[1:])] + side
-    first = max(i for i, r in enumerate(ladder[:-1]) if r <= least or i == 0)
-    last = min(i for i, r in enumerate(ladder) if r >= most and i > first)
+    even = range(0, len(ladder), 2)
+    first = max(i for i in even if ladder[i] <= least and i < len(ladder) - 1)
+    last = min(i for i in even if ladder[i] >= most and i > first)
     return tuple(ladder[first : last + 1])
 
 

@@ -1,0 +1,133 @@
+"""The few brightest pixels, each drawn as its own disc and clipped by what stands before it.
+
+Almost all energy of a scene with lights is in few pixels. Layers would fade the discs that a wire
+before them clips, and a transform would spread rounding noise of 1e-7 of their brightness over
+everything. So what such a pixel has above its surroundings is taken out of the layers and drawn
+by its own kernel. Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a
+nearer surface of radius r_k in front of it at q + u (r_q - r_k).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.aperture import Aperture, Part, kernel
+from defocus_core.convolution import reach
+from defocus_core.hidden import continued
+
+# A highlight is brighter than this many times the brightest of all but one pixel in 200.
+_BRIGHTER = 2.0
+_ORDINARY = 0.995
+# How much nearer, in px of radius and as a share of it, a surface must be to stand before a light.
+_BEFORE = (1.5, 0.15)
+# Samples drawn at once: bounds memory.
+_SAMPLES = 1 << 21
+
+
+class Highlights(NamedTuple):
+    """Pixels to be drawn one by one.
+
+    Attributes:
+        at: [n, 2] rows and columns.
+        excess: [n, C] what they have above their surroundings.
+        signed_radius: [n] px.
+    """
+
+    at: Tensor
+    excess: Tensor
+    signed_radius: Tensor
+
+
+def split(pixels: Tensor, signed_radius: Tensor) -> tuple[Tensor, Highlights | None]:
+    """Separate highlights from [C, H, W] pixels; the rest continues their surroundings."""
+    brightness = pixels.detach().amax(0)
+    ordinary = brightness.flatten().kthvalue(max(1, int(_ORDINARY * brightness.numel()))).values
+    bright = brightness > _BRIGHTER * ordinary.clamp(min=0)
+    at = torch.nonzero(bright)
+    if not len(at):
+        return pixels, None
+    weight = (~bright).to(pixels.dtype)
+    around = continued(torch.cat([pixels * weight, weight[None]]), at)  # [n, C]
+    rows, columns = at.unbind(-1)
+    rest = pixels.clone()
+    rest[:, rows, columns] = around.T
+    excess = pixels[:, rows, columns].T - around
+    return rest, Highlights(at, excess, signed_radius[rows, columns])
+
+
+def draw(
+    highlights: Highlights,
+    places: Tensor,
+    radii: tuple[float, ...],
+    aperture: Aperture,
+    parts: list[Part],
+) -> Tensor:
+    """The discs of all highlights as the parts of the aperture see them: [M, C, H, W].
+
+    Args:
+        highlights: From `split`.
+        places: [H, W] positions of all pixels on the ladder.
+        radii: The ladder.
+        aperture: The pupil.
+        parts: M parts of it.
+    """
+    H, W = places.shape
+    channels = highlights.excess.shape[1]
+    total = highlights.excess.new_zeros(len(parts), channels, H * W)
+    spread = torch.tensor([reach(float(r), max(H, W)) for r in highlights.signed_radius.detach()])
+    order = spread.argsort(descending=True, stable=True)
+    start = 0
+    while start < len(order):
+        extent = int(spread[order[start]])
+        count = max(1, _SAMPLES // (2 * extent + 1) ** 2)
+        some = order[start : start + count].to(places.device)
+        start += count
+        chosen = Highlights(*(values[some] for values in highlights))
+        seen = _unobstructed(chosen, extent, places.detach(), radii)
+        index, inside = _targets(chosen.at, extent, H, W)
+        seen = (seen * inside).flatten()
+        for m, part in enumerate(parts):
+            shape = kernel(chosen.signed_radius, 2 * extent + 1, aperture, part).flatten() * seen
+            spots = shape.reshape(len(some), -1)
+            for c in range(channels):
+                values = (spots * chosen.excess[:, c : c + 1]).flatten()
+                total[m, c].index_add_(0, index.flatten(), values)
+    return total.reshape(len(parts), channels, H, W)
+
+
+def _targets(at: Tensor, extent: int, H: int, W: int) -> tuple[Tensor, Tensor]:
+    """Flat indices [n, S, S] of the pixels around each, and whether they lie in the frame."""
+    offset = torch.arange(-extent, extent + 1, device=at.device)
+    y = (at[:, 0, None] + offset)[:, :, None]
+    x = (at[:, 1, None] + offset)[:, None, :]
+    inside = (y >= 0) & (y < H) & (x >= 0) & (x < W)
+    return torch.where(inside, y * W + x, 0), inside
+
+
+def _unobstructed(
+    highlights: Highlights, extent: int, places: Tensor, radii: tuple[float, ...]
+) -> Tensor:
+    """The share of each disc pixel's ray that no nearer surface stops: [n, S, S]."""
+    at, r = highlights.at, highlights.signed_radius.detach()
+    offset = torch.arange(-extent, extent + 1, device=at.device, dtype=places.dtype)
+    stopped = places.new_zeros(len(at), len(offset), len(offset))
+    limit = r - torch.maximum(torch.full_like(r, _BEFORE[0]), _BEFORE[1] * r.abs())
+    H, W = places.shape
+    present = torch.zeros(len(radii) + 1, dtype=torch.bool, device=places.device)
+    present[places.floor().long()] = True
+    present[places.ceil().long()] = True
+    for k, radius in enumerate(radii):
+        before = torch.nonzero(limit > radius)[:, 0]
+        if not len(before) or not bool(present[k]):
+            continue
+        scale = 1 - radius / r[before]  # where r is 0 only the pixel itself is drawn
+        scale = torch.where(r[before].abs() > 0.5, scale, 1.0)
+        y = at[before, 0, None] + scale[:, None] * offset
+        x = at[before, 1, None] + scale[:, None] * offset
+        rows = y.round().long().clamp(0, H - 1)[:, :, None]
+        columns = x.round().long().clamp(0, W - 1)[:, None, :]
+        stopped[before] += (1 - (places[rows, columns] - k).abs()).clamp(min=0)
+    return (1 - stopped).clamp(min=0)
