@@ -33,10 +33,32 @@ def add_behind(seen: Tensor, layer: Tensor) -> Tensor:
 
 
 def picture(seen: Tensor) -> Tensor:
-    """The left and the right image [2, C, h, w], each divided by the share that saw something.
+    """The image [C, h, w] of some parts together, divided by the share that saw something.
 
-    A pixel sees at least its own surface through each half of the aperture: the share is positive.
+    A pixel sees its own surface at least through the whole or a half of the aperture: the share is
+    positive.
     """
-    left, right = seen.tensor_split(2)
-    halves = torch.stack([left.sum(0), right.sum(0)])
-    return halves[:, :-1] / halves[:, -1:]
+    total = seen.sum(0)
+    return total[:-1] / total[-1:]
+
+
+def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:
+    """Left and right images [2, C, h, w] whose mean is the centre, from halves composited alone.
+
+    Occlusion within a half differs from that within the whole, so their mean is near the centre
+    but not equal. Where light is positive their ratio is kept, else their difference.
+
+    Args:
+        centre: [C, h, w].
+        left: As composited, [C, h, w].
+        right: The same.
+        signed: Whether pixels of the picture are negative (colours outside the gamut).
+    """
+    if signed:
+        difference = (left - right) / 2
+        return torch.stack([centre + difference, centre - difference])
+    left, right = left.clamp(min=0), right.clamp(min=0)  # transforms leave ±1e-8
+    total = left + right
+    some = total > 0
+    share = torch.where(some, left / torch.where(some, total, 1.0), 0.5)
+    return 2 * centre * torch.stack([share, 1 - share])

@@ -61,7 +61,8 @@ def kernel_spectra(
     size = 2 * extent + 1
     sampled = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)
     padded = torch.nn.functional.pad(sampled, (0, window[1] - size, 0, window[0] - size))
-    return torch.fft.rfft2(padded.roll((-extent, -extent), (-2, -1)))
+    spectra: Tensor = torch.fft.rfft2(padded.roll((-extent, -extent), (-2, -1)))
+    return spectra
 
 
 def crop_inverse(
@@ -76,4 +77,5 @@ def crop_inverse(
     """
     top, left, height, width = box
     rows = torch.fft.ifft(spectrum, dim=-2)[..., top : top + height, :]
-    return torch.fft.irfft(rows, n=window[1], dim=-1)[..., left : left + width]
+    whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
+    return whole[..., left : left + width]

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.aperture import Aperture, parts
-from defocus_core.compositing import add_behind, picture
+from defocus_core.aperture import LEFT, RIGHT, Aperture, parts
+from defocus_core.compositing import add_behind, pair_of, picture
 from defocus_core.convolution import crop_inverse, kernel_spectra, reach, transform_length
 from defocus_core.hidden import hidden_layer
 from defocus_core.highlights import draw, split
@@ -32,24 +32,28 @@ def render_frame(
     *,
     aperture: Aperture,
     quality: Quality,
+    left_right: bool = False,
     num_layers: int | None = None,
     psf_ks: int | None = None,
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Tensor, dict[str, int]]:
-    """The left and the right image [2, C, H, W] of one picture, and counts of the work done.
+    """The centre image, or centre, left and right [1 or 3, C, H, W], and counts of the work done.
 
     Args:
         pixels: [C, H, W], float32 or float64.
         signed_radius: [H, W] px, of the same dtype.
         aperture: The pupil.
         quality: Spacing of slices, parts of the aperture.
+        left_right: Whether left and right are wanted.
         num_layers: As for `render`.
         psf_ks: As for `render`.
         threads: As for `render`.
         progress: As for `render`.
     """
-    frame = _Frame(pixels, signed_radius, aperture, quality, num_layers, psf_ks, threads)
+    frame = _Frame(
+        pixels, signed_radius, aperture, quality, left_right, num_layers, psf_ks, threads
+    )
     count = len(frame.grid)
     done: list[Tensor] = []
     for result in threaded(frame.tile, range(count), threads):
@@ -103,12 +107,18 @@ class _Frame:
         signed_radius: Tensor,
         aperture: Aperture,
         quality: Quality,
+        left_right: bool,
         num_layers: int | None,
         psf_ks: int | None,
         threads: int,
     ) -> None:
         _, H, W = pixels.shape
         self.parts = parts(aperture, quality.parts)
+        self.centre = len(self.parts)
+        self.left_right = left_right
+        self.signed = bool((pixels < 0).any())
+        if left_right and self.centre == 1:
+            self.parts = [*self.parts, LEFT, RIGHT]
         self.radii = _slice_radii(signed_radius.detach(), quality, num_layers, psf_ks)
         self.reaches = [reach(r, max(H, W) - 1) for r in self.radii]
         self.grid = tiles(H, W)
@@ -128,19 +138,19 @@ class _Frame:
 
     def _windows(self, aperture: Aperture, like: Tensor) -> dict[int, _Window]:
         """The window of each slice that is blurred at all; slices in one window share it."""
-        sizes: dict[tuple[int, int], list[int]] = {}
+        sharing: dict[tuple[int, int, bool], list[int]] = {}
         for k in range(len(self.radii)):
             widest = max(self.reaches[j] for j, g in enumerate(self.layers) if g == self.layers[k])
-            size = tuple(transform_length(n + 2 * widest) for n in self.side)
-            sizes.setdefault((size[0], size[1]), []).append(k)
+            rows, columns = (transform_length(n + 2 * widest) for n in self.side)
+            sharing.setdefault((rows, columns, widest == 0), []).append(k)
         windows = {}
-        for size, slices in sizes.items():
+        for (rows, columns, _), slices in sharing.items():
             extent = max(self.reaches[k] for k in slices)
             radii = torch.tensor([self.radii[k] for k in slices], dtype=torch.float64)
             precision = torch.complex128 if like.dtype == torch.float64 else torch.complex64
-            spectra = kernel_spectra(radii, extent, size, aperture, self.parts)
+            spectra = kernel_spectra(radii, extent, (rows, columns), aperture, self.parts)
             spectra = spectra.to(like.device, precision)[:, :, None]
-            window = _Window(extent, size, dict(zip(slices, spectra, strict=True)))
+            window = _Window(extent, (rows, columns), dict(zip(slices, spectra, strict=True)))
             windows.update(dict.fromkeys(slices, window))
         return windows
 
@@ -158,7 +168,7 @@ class _Frame:
         return _Surface(pad(pixels, margins), pad(places, margins), stride, plan)
 
     def tile(self, index: int) -> Tensor:
-        """The left and the right image [2, C, h, w] of one tile."""
+        """The centre, or the centre, left and right image [1 or 3, C, h, w] of one tile."""
         box = self.grid[index]
         shape = (len(self.parts), len(self.visible.pixels), box.height, box.width)
         seen = self.visible.pixels.new_zeros(shape)
@@ -171,7 +181,12 @@ class _Frame:
             columns = slice(box.left, box.left + box.width)
             color = seen[:, :-1] + self.highlights[:, :, rows, columns]
             seen = torch.cat([color, seen[:, -1:]], 1)
-        return picture(seen)
+        centre = picture(seen[: self.centre])
+        if not self.left_right:
+            return centre[None]
+        left, right = map(picture, seen[-max(self.centre, 2) :].tensor_split(2))
+        pair = pair_of(centre, left, right, signed=self.signed)
+        return torch.cat([centre[None], pair])
 
     def _behind(self, index: int) -> list[Tensor]:
         """The hidden slices over a tile, summed by window: [M, C + 1, h, w] each."""
@@ -233,7 +248,7 @@ def _slice_radii(
     needed = 2 * reach(spread, 1 << 30) + 1
     if needed > psf_ks:
         raise ValueError(
-            f"psf_ks must be at least {needed} for the CoC radius of {spread:.2f} px, got {psf_ks}; "
+            f"psf_ks must be at least {needed} for a CoC radius of {spread:.2f} px, got {psf_ks}; "
             "leave it out to size kernels by the scene"
         )
     end = (psf_ks - 1) // 2 + 0.5

@@ -23,7 +23,7 @@ _EDGE = 1.0
 # Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
 _DECAY = 0.70710678
 # How much farther, in px of radius, than the surface in front of it hidden content must be.
-_STEP = 1.0
+_STEP = 0.5
 
 
 class HiddenLayer(NamedTuple):
@@ -49,23 +49,29 @@ def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> Hidd
         threads: Ranges of radius that are continued at once.
     """
     r = signed_radius.detach()
-    wanted = revealed(r) > r + _STEP
+    shown = revealed(r)
+    wanted = shown > r + _STEP
     at = torch.nonzero(wanted)
-    near = r[wanted]
+    near, far = r[wanted], shown[wanted]
     values = torch.cat([image, signed_radius[None], torch.ones_like(image[:1])])
-    found = torch.zeros(len(at), len(values) - 1, dtype=image.dtype, device=image.device)
-    bands = [((near >= low) & (near < high), high + _STEP) for low, high in _bands(near)]
+    found = values[:-1, at[:, 0], at[:, 1]].T  # stays where nothing is farther
+    bands = []
+    for low, high in _bands(near):
+        here = (near >= low) & (near < high)
+        beyond = _between_surfaces(near[here], far[here], high + _STEP)
+        if bool((r > beyond).any()):
+            bands.append((here, beyond))
 
     def behind(band: tuple[Tensor, float]) -> Tensor:
         here, beyond = band
         return continued(values * (r > beyond).to(values.dtype), at[here])
 
     for (here, _), values_there in zip(bands, threaded(behind, bands, threads), strict=True):
-        found[here] = values_there
-    color, radius = torch.zeros_like(image), signed_radius.clone()
-    color[:, at[:, 0], at[:, 1]] = found[:, :-1].T
-    radius[at[:, 0], at[:, 1]] = found[:, -1]
-    return HiddenLayer(color, radius, wanted & (radius.detach() > r + _STEP / 2))
+        found = found.index_put((here,), values_there)
+    place = (at[:, 0], at[:, 1])
+    color = torch.zeros_like(image.movedim(0, -1)).index_put(place, found[:, :-1]).movedim(-1, 0)
+    radius = signed_radius.index_put(place, found[:, -1])
+    return HiddenLayer(color, radius, wanted & (radius.detach() > r + _STEP))
 
 
 def revealed(r: Tensor) -> Tensor:
@@ -105,14 +111,20 @@ def _dilate(shown: Tensor, dim: int, stride: int) -> Tensor:
     return result
 
 
+def _between_surfaces(near: Tensor, far: Tensor, at_most: float) -> float:
+    """A radius beyond which lies what is farther than all near pixels, midway to what they show."""
+    nearest, farthest = float(near.max()), float(far.min())
+    return min((nearest + farthest) / 2, at_most) if nearest < farthest else at_most
+
+
 def _bands(r: Tensor) -> list[tuple[float, float]]:
-    """Ranges of radius that share one notion of what is farther: 3 px or half of r wide."""
+    """Ranges of radius that share one notion of what is farther: 1.5 px or 0.4 r wide."""
     if not r.numel():
         return []
     least, most = float(r.min()), float(r.max())
     side = [0.0]
     while side[-1] <= max(abs(least), abs(most)):
-        side.append(side[-1] + max(3.0, 0.5 * side[-1]))
+        side.append(side[-1] + max(1.5, 0.4 * side[-1]))
     ladder = [-x for x in reversed(side[1:])] + side
     counts = torch.histogram(r.flatten().double().cpu(), torch.tensor(ladder).double()).hist
     return [pair for pair, count in zip(pairwise(ladder), counts.tolist(), strict=True) if count]
@@ -157,14 +169,14 @@ def _pooled(values: Tensor, dim: int) -> Tensor:
 def _bilinear(coarse: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
     """Coarse values [K, h, w] at pixels [n, 2] of a frame of the given size: [n, K]."""
     (y0, y1, fy), (x0, x1, fx) = (
-        _between(at[:, d], coarse.shape[d + 1], size[d], coarse.dtype) for d in (0, 1)
+        _neighbours(at[:, d], coarse.shape[d + 1], size[d], coarse.dtype) for d in (0, 1)
     )
     above = coarse[:, y0, x0] * (1 - fx) + coarse[:, y0, x1] * fx
     below = coarse[:, y1, x0] * (1 - fx) + coarse[:, y1, x1] * fx
     return (above * (1 - fy) + below * fy).T
 
 
-def _between(
+def _neighbours(
     index: Tensor, length: int, full: int, dtype: torch.dtype
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The two coarse samples beside a pixel, and the share of the second."""

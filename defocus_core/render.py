@@ -1,7 +1,6 @@
 """The renderer's door: pictures and radii in, defocused pictures out.
 
-Every picture is made of the same parts of the aperture: the left half of the first half of them,
-the right of the others, the centre as the mean of the two, whichever of them is asked for.
+The centre image is the same whether or not left and right are asked for, and is their mean.
 """
 
 from __future__ import annotations
@@ -78,29 +77,26 @@ def render(
     _check_count("psf_ks", psf_ks)
     _check_count("threads", threads)
     pictures, radii = _batched(image, signed_radius)
-    pairs = []
+    done = []
     stats: dict[str, int] = {}
     for pixels, radius in zip(pictures, radii, strict=True):
-        pair, counts = render_frame(
+        images, counts = render_frame(
             pixels,
             radius,
             aperture=aperture or Aperture(),
             quality=settings,
+            left_right=left_right,
             num_layers=num_layers,
             psf_ks=psf_ks,
             threads=threads,
             progress=progress,
         )
-        pairs.append(pair)
+        done.append(images)
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
-    left, right = torch.stack(pairs, 1).reshape(2, *image.shape)
-    centre = (left + right) / 2
-    return Rendering(
-        centre.to(image.dtype),
-        left.to(image.dtype) if left_right else None,
-        right.to(image.dtype) if left_right else None,
-        stats,
-    )
+    results = torch.stack(done, 1).to(image.dtype)
+    centre, *pair = (pictures.reshape(image.shape) for pictures in results)
+    left, right = pair or (None, None)
+    return Rendering(centre, left, right, stats)
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,65 @@
+# make demo    render the sample scenes to out/
+# make test    ruff, mypy and the tests
+# make check   ruff and mypy alone
+# make bench   the tests that measure time
+# make clean   remove what these made, .venv too
+#
+# Each first makes .venv and installs into it what is missing. Variables:
+#   PYTHON=python3.12       the Python to make .venv with
+#   ARGS="-n 2 -k lens"     words for pytest
+
+PYTHON ?= python3
+ARGS ?=
+RUN := .venv/bin/python -m
+PIP := $(RUN) pip install -q --disable-pip-version-check
+STAMP := .venv/installed
+
+# Versions known to work together, what they ask for included; pyproject.toml asks for less.
+PINS := torch==2.13.0 numpy==2.4.6 OpenEXR==3.5.3 OpenImageIO==3.2.2.0 click==8.5.1 tqdm==4.70.1 \
+  hypothesis==6.170.15 mypy==2.4.1 pytest==9.2.0 pytest-xdist==3.8.0 ruff==0.17.5 \
+  setuptools==84.2.1 \
+  ast_serialize==0.13.1 execnet==2.1.2 filelock==4.2.11 fsspec==2026.9.0 iniconfig==2.3.1 \
+  Jinja2==3.1.6 librt==0.16.0 MarkupSafe==3.0.4 mpmath==1.3.0 mypy_extensions==1.2.0 \
+  networkx==3.6.1 packaging==26.3 pathspec==1.1.1 pluggy==1.7.0 Pygments==2.21.0 \
+  sortedcontainers==2.4.0 sympy==1.14.0 typing_extensions==4.16.0
+
+.PHONY: help demo check test bench clean again
+
+help:
+	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
+
+demo: $(STAMP)
+	.venv/bin/python sample_scenes/demo.py --out out
+
+check: $(STAMP)
+	$(RUN) ruff check
+	$(RUN) ruff format --check
+	$(RUN) mypy
+
+test: check
+	$(RUN) pytest $(ARGS)
+
+bench: $(STAMP)
+	$(RUN) pytest -m bench $(ARGS)
+
+clean:
+	rm -rf .venv out build *.egg-info .*_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Scripts of a virtual environment hold its path: one that has been moved is made again.
+ifneq ($(shell cat $(STAMP) 2>/dev/null),$(CURDIR))
+$(STAMP): again
+endif
+
+$(STAMP): pyproject.toml Makefile
+	@command -v $(PYTHON) >/dev/null || \
+	  { echo "$(PYTHON): not found; install Python 3.11 or newer, or name one: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "$(PYTHON): is older than 3.11; name a newer one: make PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+	  { echo "$(PYTHON): has no venv; install it (Debian, Ubuntu: apt install python3-venv)" >&2; exit 1; }
+	@echo 'Installing PyTorch and the rest into .venv; the first time takes a few minutes.'
+	@$(PYTHON) -m venv .venv
+	@$(PIP) $(PINS)
+	@$(PIP) $(PINS) --no-build-isolation -e '.[dev]'
+	@echo '$(CURDIR)' >$@

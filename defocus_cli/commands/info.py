@@ -1,0 +1,41 @@
+"""``defocus info``: what is in a file, before rendering it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli import options, report
+from defocus_cli.inspection import inspect
+from defocus_cli.job import Lens, Reading
+
+
+@click.command(
+    "info",
+    cls=options.GroupedCommand,
+    short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
+)
+@click.argument(
+    "files", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FILE..."
+)
+@options.lens_options(required=False)
+@options.reading_options
+@options.json_option
+def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_json: bool) -> None:
+    """Say what is in colour and depth files, as 'defocus render' would read them.
+
+    With a lens, the range of the signed radius of the circle of confusion is shown too.
+
+    \b
+    Examples:
+      defocus info rgb.exr depth.exr
+      defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
+    """  # noqa: D301  click reads the backspace
+    found = [inspect(file, reading, lens) for file in files]
+    if as_json:
+        report.print_json(files=[report.inspection_record(inspection) for inspection in found])
+        return
+    for inspection in found:
+        for line in report.inspection_lines(inspection):
+            click.echo(line)

@@ -1,0 +1,81 @@
+"""``defocus render``: colour and depth in, defocused pictures out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli import options, report
+from defocus_cli.job import Job, Lens, Machine, Outputs, Reading, find_pictures, make_jobs
+
+
+@click.command(
+    "render",
+    cls=options.GroupedCommand,
+    short_help="Defocus pictures: colour and depth in, render, left, right, coc out.",
+)
+@click.argument("color", type=click.Path(path_type=Path))
+@click.argument("depth", type=click.Path(path_type=Path), required=False)
+@options.lens_options(required=True)
+@options.output_options
+@options.reading_options
+@options.machine_options
+@options.json_option
+@options.verbose_option
+@click.option("--dry-run", is_flag=True, help="Say what would be read and written, and stop.")
+def command(
+    color: Path,
+    depth: Path | None,
+    lens: Lens,
+    outputs: Outputs,
+    reading: Reading,
+    machine: Machine,
+    as_json: bool,
+    verbose: bool,
+    dry_run: bool,
+) -> None:
+    """Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
+
+    COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
+    COLOR is an EXR that holds both, or a directory of such.
+
+    \b
+    Kinds:
+      render        the defocused picture
+      left, right   what the left and right half of the lens see (dual pixel)
+      coc           signed radius of the circle of confusion in px, beyond the focus positive
+      disparity     dual-pixel disparity in px, signed alike
+
+    \b
+    Examples:
+      defocus render rgb.exr depth.exr -o out --focal-length 50mm --fnumber 1.4 --focus 2m
+      defocus render photo.jpg depth_mm.png -o out --lens 50mm.toml --focus-at 640,360 --format png
+      defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
+      defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
+    """  # noqa: D301  click reads the backspace
+    pictures = find_pictures(color, depth)
+    jobs = make_jobs(pictures, lens, reading=reading, outputs=outputs, machine=machine)
+    records = _plan(jobs, as_json) if dry_run else _run(jobs, verbose)
+    if as_json:
+        report.print_json(dry_run=dry_run, pictures=records)
+
+
+def _plan(jobs: list[Job], as_json: bool) -> list[dict[str, object]]:
+    for job in jobs:
+        if not as_json:
+            click.echo(report.plan_line(job))
+    return [report.plan_record(job) for job in jobs]
+
+
+def _run(jobs: list[Job], verbose: bool) -> list[dict[str, object]]:
+    from defocus_cli import engine
+
+    records = []
+    with report.progress(jobs) as counted:
+        for job in counted:
+            outcome = engine.run(job)
+            for line in report.outcome_lines(outcome, verbose=verbose):
+                report.say(line)
+            records.append(report.outcome_record(outcome))
+    return records

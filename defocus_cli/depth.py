@@ -1,0 +1,175 @@
+"""Depth maps, decoded to planar metres with their sky and their holes.
+
+Nothing is read off the range of the values. Floats (EXR, PFM, NPY, float TIFF) are metres and
+16-bit integers millimetres unless a unit is given. +inf and 1e10 and beyond, in the file's unit,
+are sky; so is 65504 in a half channel, the largest number that half can hold. NaN, 0 and negative
+are no depth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.errors import InputError, UsageProblem
+from defocus_cli.exr import read_parts
+from defocus_cli.exr_header import is_exr, read_headers
+from defocus_cli.files import read_head
+from defocus_cli.float_maps import is_float_map, read_float_map
+from defocus_cli.layers import choose_depth
+from defocus_cli.raster import read_raster
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_cli.exr import Part
+
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}
+WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
+SKY = 1e10
+HALF_SKY = 65504.0
+
+
+@dataclass(frozen=True)
+class Depth:
+    """A decoded depth map.
+
+    Attributes:
+        metres: float32 [H, W], planar distance along the axis; +inf is sky.
+        invalid: bool [H, W], where the file has NaN, 0 or a negative number.
+        path: the file.
+        channel: the channel's name in the file, empty where channels have none.
+        note: how the file was understood, for people.
+    """
+
+    metres: NDArray[np.float32]
+    invalid: NDArray[np.bool_]
+    path: Path
+    channel: str
+    note: str
+
+
+def read_depth(
+    path: Path,
+    *,
+    channel: str | None = None,
+    part: int | None = None,
+    unit: str | None = None,
+) -> Depth:
+    """Decode a depth map; holes are marked, not refused (see `require_valid`).
+
+    Args:
+        path: an EXR, PFM, NPY, 16-bit PNG or TIFF, or float TIFF file.
+        channel: which channel of an EXR file; PART/CHANNEL works too.
+        part: only look in this part of a multi-part EXR file, counted from 0.
+        unit: mm, cm, m or ft; None for metres, or millimetres in 16-bit integer files.
+
+    Raises:
+        InputError: the file cannot be read, or what its depth is cannot be told.
+        UsageProblem: an unknown unit, or a channel for a file that has no named ones.
+    """
+    if unit is not None and unit not in METRES:
+        raise UsageProblem("--depth-unit", f"{unit} is not known", f"use {', '.join(METRES)}")
+    head = read_head(path)
+    if is_exr(head):
+        return _from_exr(path, channel, part, unit or "m")
+    if path.suffix.lower() == ".exr":
+        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+    if channel is not None:
+        raise UsageProblem("--depth-channel", f"{path} has no named channels", "leave it out")
+    if is_float_map(head):
+        read = read_float_map(path)
+        return _depth(path, "", read.values, unit or "m", read.format)
+    return _from_raster(path, unit)
+
+
+def require_valid(depth: Depth) -> None:
+    """Refuse a depth map with holes.
+
+    Raises:
+        InputError: naming how many pixels are NaN, 0 or negative, and the first as x,y.
+    """
+    import numpy as np
+
+    if not depth.invalid.any():
+        return
+    rows, columns = np.nonzero(depth.invalid)
+    problem = f"has {len(rows)} pixels that are NaN or ≤ 0, the first at {columns[0]},{rows[0]}"
+    raise InputError(depth.path, problem, "fill the holes, and write inf for sky")
+
+
+def _from_exr(path: Path, channel: str | None, part: int | None, unit: str) -> Depth:
+    headers = read_headers(path)
+    try:
+        chosen = choose_depth(path, headers, channel=channel, part=part)
+    except InputError as error:
+        raise _grey_hint(path, error, channel) or error from None
+    header = chosen.header
+    if not header.data.covers(header.display):
+        problem = "has depth in its data window only, which leaves pixels of the picture without"
+        raise InputError(path, problem, "render the depth over the whole display window")
+    pixels = read_parts(path, headers)[header.index].channels.get(chosen.name)
+    if pixels is None:
+        problem = f"has {chosen.name} at a lower resolution than its other channels"
+        raise InputError(path, problem, "save the depth without subsampling")
+    kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
+    place = f" of part {header.label}" if len(headers) > 1 else ""
+    return _depth(path, chosen.name, pixels, unit, f"EXR {kind} channel {chosen.name}{place}")
+
+
+def _grey_hint(path: Path, error: InputError, channel: str | None) -> InputError | None:
+    """A sharper remedy for depth that was saved as a grey RGB image, if that is what it is."""
+    if channel is not None or "no depth channel" not in error.problem:
+        return None
+    if not any(_grey(part) for part in read_parts(path)):
+        return None
+    remedy = "R, G and B are equal: if they are the depth, say --depth-channel R"
+    return InputError(path, error.problem, remedy)
+
+
+def _grey(part: Part) -> bool:
+    import numpy as np
+
+    planes: Sequence[Any] = [part.channels.get(name) for name in "RGB"]
+    if any(plane is None for plane in planes):
+        return False
+    return all(np.array_equal(planes[0], plane, equal_nan=True) for plane in planes[1:])
+
+
+def _from_raster(path: Path, unit: str | None) -> Depth:
+    raster = read_raster(path)
+    if raster.samples is None:
+        raise InputError(path, "holds deep data", "flatten it first")
+    if raster.type == "uint8":
+        problem = "has 8 bits, too few for depth and without a metric scale"
+        remedy = "save depth as float EXR, or as 16-bit PNG in millimetres"
+        raise InputError(path, problem, remedy)
+    if len(raster.channels) != 1:
+        problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
+        raise InputError(path, problem, "save the depth as a single grey channel")
+    integer = raster.type == "uint16"
+    kind = f"16-bit {path.suffix[1:].upper()}" if integer else f"float {path.suffix[1:].upper()}"
+    unit = unit or ("mm" if integer else "m")
+    return _depth(path, "", raster.samples[:, :, 0], unit, kind)
+
+
+def _depth(path: Path, channel: str, values: NDArray[Any], unit: str, kind: str) -> Depth:
+    """Values of a file, in ``unit``, as planar metres."""
+    import numpy as np
+
+    with np.errstate(over="ignore"):  # a double beyond float32 is sky
+        metres = values.astype(np.float32)
+    sky = metres >= SKY
+    note = f"{kind}, {WORDS[unit]}"
+    if values.dtype == np.float16 and (values == HALF_SKY).any():
+        sky |= values == HALF_SKY
+        note += ", 65504 taken as sky"
+    if unit != "m":
+        metres = (values.astype(np.float64) * METRES[unit]).astype(np.float32)
+    metres = np.where(sky, np.float32(np.inf), metres)
+    invalid = ~(metres > 0)  # asked this way round, NaN is invalid too
+    return Depth(np.ascontiguousarray(metres), invalid, path, channel, note)

@@ -1,0 +1,194 @@
+"""Runs a job: read, render, write. Nothing of a picture is written before all of it is computed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.errors import InputError, UsageProblem, reason
+from defocus_cli.job import IMAGE_KINDS, Job, Lens, Reading
+from defocus_cli.lens_file import refuse_near_focus
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_cli.depth import Depth
+    from defocus_cli.images import Color
+
+MM_PER_M = 1000.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job."""
+
+    job: Job
+    lens: Lens  # with the focus distance that --focus-at found
+    size: tuple[int, int]  # width, height
+    coc_px: tuple[float, float]  # smallest and largest signed radius
+    depth_note: str
+    device: str
+    render_seconds: float = 0.0
+    render_cpu_seconds: float = 0.0
+    warnings: tuple[str, ...] = ()
+    stats: Mapping[str, float] = field(default_factory=dict)
+
+
+def run(job: Job) -> Outcome:
+    """Read, render and write one picture.
+
+    Raises:
+        InputError: an input or output cannot be used.
+        UsageProblem: the options make no sense for this picture or machine.
+    """
+    from defocus_cli.delivery import deliver
+
+    device = choose_device(job.machine.device)
+    color, depth = _read(job)
+    height, width = depth.metres.shape
+    lens = focused(job.lens, depth)
+    radius = signed_radius(lens, depth.metres, (width, height))
+    outcome = Outcome(
+        job=job,
+        lens=lens,
+        size=(width, height),
+        coc_px=(float(radius.min()), float(radius.max())),
+        depth_note=depth.note,
+        device=device,
+    )
+    images: dict[str, Any] = {}
+    if set(job.outputs.kinds) & set(IMAGE_KINDS):
+        images, outcome = _render(color, radius, outcome)
+    return dataclasses.replace(outcome, warnings=deliver(color, radius, images, outcome))
+
+
+def choose_device(name: str) -> str:
+    """``cpu`` or ``cuda``.
+
+    Raises:
+        UsageProblem: ``cuda`` was asked for and there is none.
+    """
+    import torch
+
+    found = name != "cpu" and torch.cuda.is_available()
+    if name == "cuda" and not found:
+        raise UsageProblem("--device", "PyTorch finds no CUDA GPU here", "use --device cpu or auto")
+    return "cuda" if found else "cpu"
+
+
+def focused(lens: Lens, depth: Depth) -> Lens:
+    """The lens with its focus distance known, looked up in ``depth`` for ``--focus-at``."""
+    if lens.focus_at is None:
+        return lens
+    (x, y), (height, width) = lens.focus_at, depth.metres.shape
+    if not (0 <= x < width and 0 <= y < height):
+        raise UsageProblem(
+            "--focus-at",
+            f"{x},{y} lies outside {depth.path} of {width}x{height} px",
+            f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
+        )
+    foc_dist = float(depth.metres[y, x]) * MM_PER_M
+    refuse_near_focus(foc_dist, lens.foclen, f"--focus-at: {depth.path} at {x},{y}")
+    return dataclasses.replace(lens, foc_dist=foc_dist)
+
+
+def signed_radius(
+    lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
+    import numpy as np
+    import torch
+
+    from defocus_core import DefocusLens
+
+    width, height = size
+    sensor = (lens.sensor_width, lens.sensor_width * height / width)
+    depth_mm = torch.from_numpy(metres.astype(np.float64)) * MM_PER_M
+    try:
+        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
+        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+    except ValueError as error:
+        raise UsageProblem("--focus", reason(error), "check the lens options") from error
+    radius: NDArray[np.float32] = thin.signed_radius(depth_mm).float().numpy()
+    return radius
+
+
+def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
+    """Which part ``--part`` means in a file; None for one that has no other, if it is not alone."""
+    if reading.part is None or shared:
+        return reading.part
+    from defocus_cli.images import describe
+
+    return reading.part if len(describe(path).parts) > 1 else None
+
+
+def _read(job: Job) -> tuple[Color, Depth]:
+    from defocus_cli.depth import read_depth, require_valid
+    from defocus_cli.images import read_color, require_finite
+
+    picture, reading = job.picture, job.reading
+    shared = picture.color == picture.depth
+    color = read_color(
+        picture.color,
+        layer=reading.color_layer,
+        part=part_of(picture.color, reading, shared=shared),
+    )
+    depth = read_depth(
+        picture.depth,
+        channel=reading.depth_channel,
+        part=part_of(picture.depth, reading, shared=shared),
+        unit=reading.depth_unit,
+    )
+    (height, width), (rows, columns) = color.pixels.shape[:2], depth.metres.shape
+    if (height, width) != (rows, columns):
+        raise InputError(
+            picture.depth,
+            f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
+            "give depth of the size of the colour",
+        )
+    require_valid(depth)
+    require_finite(color)
+    return color, depth
+
+
+def _render(
+    color: Color, radius: NDArray[np.float32], outcome: Outcome
+) -> tuple[dict[str, Any], Outcome]:
+    """The images asked for, each [H, W, C], and the outcome with what they cost."""
+    import torch
+
+    from defocus_core import Aperture, render
+
+    job, device = outcome.job, outcome.device
+    # Threads work on tiles; torch's own threads inside each would only wait for one another.
+    torch.set_num_threads(1)
+    image = torch.from_numpy(color.pixels.transpose(2, 0, 1).copy()).to(device)  # [C, H, W]
+    signed = torch.from_numpy(radius).to(device)
+
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        rendering = render(
+            image,
+            signed,
+            aperture=Aperture(job.lens.blades, job.lens.blade_rotation),
+            quality=job.machine.quality,
+            left_right=bool({"left", "right"} & set(job.outputs.kinds)),
+            threads=job.machine.threads,
+        )
+    except torch.OutOfMemoryError:
+        problem = "does not fit into the memory of the GPU"
+        raise InputError(job.picture.color, problem, "use --device cpu") from None
+    if device == "cuda":
+        torch.cuda.synchronize()
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    kinds = [kind for kind in IMAGE_KINDS if kind in job.outputs.kinds]
+    images = {kind: getattr(rendering, kind).permute(1, 2, 0).cpu().numpy() for kind in kinds}
+    return images, dataclasses.replace(
+        outcome, render_seconds=wall, render_cpu_seconds=cpu, stats=rendering.stats
+    )

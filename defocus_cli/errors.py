@@ -1,0 +1,61 @@
+"""What a user did wrong, said in one line: ``defocus: SUBJECT: problem; remedy``.
+
+Exit codes: 2 for a command line that makes no sense, 3 for a file that cannot be used.
+"""
+
+from __future__ import annotations
+
+from typing import IO, TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class UserError(click.ClickException):
+    """A mistake with a subject, a problem and a remedy, shown without a traceback.
+
+    Args:
+        subject: the file or option concerned.
+        problem: what is wrong with it, without a full stop.
+        remedy: what to do about it; the empty string if there is nothing to propose.
+    """
+
+    def __init__(self, subject: str | Path, problem: str, remedy: str = "") -> None:
+        self.subject = one_line(subject)
+        self.problem = one_line(problem)
+        self.remedy = one_line(remedy)
+        told = f"{self.subject}: {self.problem}"
+        super().__init__(f"{told}; {self.remedy}" if self.remedy else told)
+
+    def __reduce__(self) -> tuple[type[UserError], tuple[str, str, str]]:
+        # By default an exception unpickles from its message alone; workers send these home.
+        return type(self), (self.subject, self.problem, self.remedy)
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Print the line to stderr, or to ``file``."""
+        click.echo(f"defocus: {self.format_message()}", file=file, err=file is None)
+
+
+class UsageProblem(UserError):  # noqa: N818 - click already has a UsageError
+    """The command line asks for something that makes no sense; exit code 2."""
+
+    exit_code = 2
+
+
+class InputError(UserError):
+    """A file cannot be read, understood or written; exit code 3."""
+
+    exit_code = 3
+
+
+def one_line(text: object) -> str:
+    """``text`` with line breaks, tabs and runs of blanks turned into single blanks."""
+    return " ".join(str(text).split())
+
+
+def reason(error: BaseException) -> str:
+    """What an exception of any library says, as one clause without a full stop."""
+    told = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return one_line(told).rstrip(".")

@@ -1,0 +1,154 @@
+"""OpenEXR pixels, in and out: native half, float and uint arrays, cropped to the display window.
+
+Pixels outside the data window are 0. Output is one scan-line part, ZIP compressed (the codec whose
+corruption is noticed on reading), without dates: the same arrays make the same bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.errors import InputError, reason
+from defocus_cli.exr_header import Header, Window, read_headers
+from defocus_cli.files import quiet, written_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+DAMAGED = ("is truncated or damaged", "write or copy it again")
+_DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
+# Attributes that describe how this one file is laid out, not the picture.
+STRUCTURAL = frozenset(
+    {
+        *("channels", "dataWindow", "displayWindow", "lineOrder", "tiles", "type", "version"),
+        *("compression", "dwaCompressionLevel", "zipCompressionLevel", "chunkCount"),
+        *("name", "multiView", "deepImageState", "maxSamplesPerPixel"),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One decoded part of an EXR file.
+
+    Attributes:
+        header: what its header says.
+        channels: name to native array [H, W] of the display window; empty for a deep part.
+            Subsampled channels are left out.
+        attributes: header metadata that another file may carry: `STRUCTURAL` ones are left out,
+            and values of a type that OpenEXR reads but cannot write.
+    """
+
+    header: Header
+    channels: dict[str, NDArray[Any]]
+    attributes: dict[str, object]
+
+
+def read_parts(path: Path, headers: tuple[Header, ...] | None = None) -> tuple[Part, ...]:
+    """All parts of an EXR file, decoded.
+
+    Args:
+        path: the file.
+        headers: what `read_headers` said, if it has been asked already.
+
+    Raises:
+        InputError: the file cannot be read, or not all of it.
+    """
+    import OpenEXR
+
+    headers = read_headers(path) if headers is None else headers
+    try:
+        with quiet():
+            decoded = OpenEXR.File(str(path), separate_channels=True).parts
+            # OpenEXR leaves out a part that it failed to decode, with no more than a print.
+            if len(decoded) != len(headers):
+                raise InputError(path, *DAMAGED)
+            return tuple(_part(path, *pair) for pair in zip(headers, decoded, strict=True))
+    except InputError:
+        raise
+    except Exception as error:
+        # OpenEXR raises half a dozen types, and calls truncation "file has 0 parts".
+        raise InputError(path, f"{DAMAGED[0]} ({reason(error)})", DAMAGED[1]) from error
+
+
+def _part(path: Path, header: Header, decoded: Any) -> Part:
+    """``decoded`` as a Part, checked against the header that was read before."""
+    attributes = {k: v for k, v in decoded.header.items() if _carriable(k, v)}
+    if header.deep:
+        return Part(header, {}, attributes)
+    flat = [channel for channel in header.channels if not channel.subsampled]
+    channels = {}
+    for channel in flat:
+        pixels = decoded.channels[channel.name].pixels
+        shape = (header.data.height, header.data.width)
+        if pixels is None or pixels.shape != shape or pixels.dtype != _DTYPES[channel.type]:
+            raise InputError(path, *DAMAGED)
+        channels[channel.name] = _crop(pixels, header.data, header.display)
+    return Part(header, channels, attributes)
+
+
+def _crop(pixels: NDArray[Any], data: Window, display: Window) -> NDArray[Any]:
+    """The display window of ``pixels``, which fill the data window; 0 where they do not reach."""
+    import numpy as np
+
+    if data == display:
+        return pixels
+    cropped = np.zeros((display.height, display.width), pixels.dtype)
+    x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
+    y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
+    if x0 < x1 and y0 < y1:
+        seen = pixels[y0 - data.y0 : y1 - data.y0, x0 - data.x0 : x1 - data.x0]
+        cropped[y0 - display.y0 : y1 - display.y0, x0 - display.x0 : x1 - display.x0] = seen
+    return cropped
+
+
+def _carriable(name: str, value: object) -> bool:
+    import numpy as np
+    import OpenEXR
+
+    if name in STRUCTURAL:
+        return False
+    if isinstance(value, list):
+        return bool(value) and all(type(item) is type(value[0]) for item in value)
+    kinds = (str, int, float, tuple, np.ndarray, OpenEXR.TimeCode, OpenEXR.KeyCode, OpenEXR.Envmap)
+    return isinstance(value, kinds)
+
+
+def write_exr(
+    path: Path, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, object]
+) -> None:
+    """Write one part whose pixel types are those of the arrays.
+
+    Args:
+        path: written whole or not at all.
+        channels: name to float16, float32 or uint32 array [H, W].
+        attributes: header metadata; `STRUCTURAL` names are ignored.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    import numpy as np
+    import OpenEXR
+
+    header = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    pixels = {name: np.ascontiguousarray(array) for name, array in channels.items()}
+    with written_whole(path) as file, quiet():
+        OpenEXR.File(header, pixels).write(file)
+
+
+def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
+    """``values`` as half, clamped to the largest finite half ±65504, and where that was needed.
+
+    NaN stays NaN and is not counted.
+    """
+    import numpy as np
+
+    largest = np.float32(np.finfo(np.float16).max)
+    beyond = np.abs(values) > largest
+    return np.clip(values, -largest, largest).astype(np.float16), beyond

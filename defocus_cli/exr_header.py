@@ -1,0 +1,174 @@
+"""What an OpenEXR header says, read without trusting it and before any pixel is allocated.
+
+OpenEXR's own reader gives no channel types without decoding the pixels, and believes any size.
+Layout: openexr.com, "OpenEXR File Layout".
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, BinaryIO
+
+from defocus_cli.errors import InputError
+from defocus_cli.files import check_size, read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MAGIC = b"\x76\x2f\x31\x01"
+PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
+_BYTES = {"uint": 4, "half": 2, "float": 4}
+_DEEP, _MULTIPART = 0x800, 0x1000
+_LONGEST_NAME = 255
+# The attributes read here are tens of bytes, a channel list at most some thousand names.
+_LONGEST_VALUE = 2**24
+
+
+@dataclass(frozen=True)
+class Window:
+    """Pixel rectangle of an EXR header, both corners included."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def width(self) -> int:
+        """In px."""
+        return self.x1 - self.x0 + 1
+
+    @property
+    def height(self) -> int:
+        """In px."""
+        return self.y1 - self.y0 + 1
+
+    def covers(self, other: Window) -> bool:
+        """Whether every pixel of ``other`` lies in this window."""
+        return (
+            self.x0 <= other.x0
+            and self.y0 <= other.y0
+            and self.x1 >= other.x1
+            and self.y1 >= other.y1
+        )
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of a header: its name, pixel type (uint, half or float), and subsampling."""
+
+    name: str
+    type: str
+    subsampled: bool
+
+
+@dataclass(frozen=True)
+class Header:
+    """One part of an EXR file."""
+
+    index: int
+    name: str  # empty in most single-part files
+    channels: tuple[Channel, ...]
+    data: Window
+    display: Window
+    deep: bool
+
+    @property
+    def label(self) -> str:
+        """What the part is called in messages: its name, or its number if it has none."""
+        return self.name or str(self.index)
+
+
+def is_exr(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` claims to be OpenEXR."""
+    return head.startswith(MAGIC)
+
+
+def read_headers(path: Path) -> tuple[Header, ...]:
+    """Headers of all parts, sizes checked.
+
+    Raises:
+        InputError: not an OpenEXR file, a damaged header, or a size that the file cannot hold.
+    """
+    if not is_exr(read_head(path)):
+        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+    try:
+        with path.open("rb") as file:
+            headers = tuple(_parts(file))
+    except (OSError, ValueError, struct.error) as error:
+        problem = f"has a damaged OpenEXR header ({error})"
+        raise InputError(path, problem, "write or copy it again") from error
+    for header in headers:
+        pixel_bytes = sum(_BYTES[channel.type] for channel in header.channels)
+        check_size(path, header.data.width, header.data.height, pixel_bytes)
+        check_size(path, header.display.width, header.display.height, pixel_bytes)
+    return headers
+
+
+def _parts(file: BinaryIO) -> list[Header]:
+    (_, version) = struct.unpack("<4sI", file.read(8))
+    if version & 0xFF != 2:
+        raise ValueError(f"format version {version & 0xFF}, not 2")
+    headers: list[Header] = []
+    while attributes := _attributes(file):
+        headers.append(_header(len(headers), attributes, bool(version & _DEEP)))
+        if not version & _MULTIPART:
+            break
+    if not headers:
+        raise ValueError("no parts")
+    return headers
+
+
+def _attributes(file: BinaryIO) -> dict[str, bytes]:
+    """Attribute values of the next header, empty at the end of a multi-part list."""
+    found: dict[str, bytes] = {}
+    while name := _text(file):
+        _text(file)  # type
+        (size,) = struct.unpack("<i", file.read(4))
+        if not 0 <= size <= _LONGEST_VALUE:
+            raise ValueError(f"attribute {name} of {size} bytes")
+        found[name] = file.read(size)
+        if len(found[name]) < size:
+            raise ValueError("it ends early")
+    return found
+
+
+def _text(file: BinaryIO) -> str:
+    """Next zero-terminated string."""
+    text = bytearray()
+    while (byte := file.read(1)) != b"\0":
+        if not byte or len(text) == _LONGEST_NAME:
+            raise ValueError("it ends early" if not byte else "a name does not end")
+        text += byte
+    return text.decode("utf-8", "replace")
+
+
+def _header(index: int, attributes: dict[str, bytes], any_deep: bool) -> Header:
+    missing = {"channels", "dataWindow", "displayWindow"} - attributes.keys()
+    if missing:
+        raise ValueError(f"no {min(missing)}")
+    kind = attributes.get("type", b"deepscanline" if any_deep else b"scanlineimage")
+    return Header(
+        index=index,
+        name=attributes.get("name", b"").decode("utf-8", "replace"),
+        channels=tuple(_channels(attributes["channels"])),
+        data=Window(*struct.unpack("<4i", attributes["dataWindow"])),
+        display=Window(*struct.unpack("<4i", attributes["displayWindow"])),
+        deep=kind.startswith(b"deep"),
+    )
+
+
+def _channels(value: bytes) -> list[Channel]:
+    found = []
+    while not value.startswith(b"\0"):
+        name, end, value = value.partition(b"\0")
+        if not end:
+            raise ValueError("the channel list does not end")
+        kind, xs, ys = struct.unpack_from("<i4x2i", value)
+        if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
+            raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
+        text = name.decode("utf-8", "replace")
+        found.append(Channel(text, PIXEL_TYPES[kind], subsampled=(xs, ys) != (1, 1)))
+        value = value[16:]
+    return found

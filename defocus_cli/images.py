@@ -1,0 +1,226 @@
+"""Colour images, decoded to what is blurred: scene-linear float32, alpha multiplied in.
+
+EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
+otherwise. EXR alpha is premultiplied by definition; other files' is multiplied in here, in linear
+light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.errors import InputError, UsageProblem
+from defocus_cli.exr import Part, read_parts
+from defocus_cli.exr_header import is_exr, read_headers
+from defocus_cli.files import read_head
+from defocus_cli.float_maps import is_float_map, read_float_map
+from defocus_cli.layers import ColorLayer, choose_color
+from defocus_cli.raster import Raster, read_raster
+from defocus_cli.transfer import decoding_table, srgb_to_linear
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Color:
+    """A decoded colour image.
+
+    Attributes:
+        pixels: float32 [H, W, C], scene-linear, alpha premultiplied.
+        channels: names of the C channels: R, G, B or Y, then A if there is one.
+        path: the file.
+        attributes: EXR metadata for the output to carry.
+        extras: the EXR file's other channels [H, W], native types, for the output to carry.
+    """
+
+    pixels: NDArray[np.float32]
+    channels: tuple[str, ...]
+    path: Path
+    attributes: dict[str, object] = field(default_factory=dict)
+    extras: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PartInfo:
+    """One part of a file: channels as (name, type), and whether it is deep."""
+
+    index: int
+    name: str
+    channels: tuple[tuple[str, str], ...]
+    deep: bool
+
+
+@dataclass(frozen=True)
+class FileInfo:
+    """What a file's header says; width and height are those of the picture shown, in px."""
+
+    path: Path
+    width: int
+    height: int
+    parts: tuple[PartInfo, ...]
+
+
+def read_color(path: Path, *, layer: str | None = None, part: int | None = None) -> Color:
+    """Decode a colour image.
+
+    Args:
+        path: an EXR, HDR, PNG, JPEG or TIFF file.
+        layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
+        part: only look in this part of a multi-part EXR file, counted from 0.
+
+    Raises:
+        InputError: the file cannot be read, or has no colour or several to choose from.
+        UsageProblem: a layer for a file that has none.
+    """
+    head = read_head(path)
+    if is_exr(head):
+        return _from_exr(path, layer, part)
+    if path.suffix.lower() == ".exr":
+        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+    if is_float_map(head):
+        problem = "is a map of floats without colour"
+        raise InputError(path, problem, "use EXR, PNG, JPEG, TIFF or HDR for colour")
+    if layer is not None:
+        raise UsageProblem("--color-layer", f"{path} has no layers", "leave it out")
+    return _from_raster(path, read_raster(path))
+
+
+def require_finite(color: Color) -> None:
+    """Refuse a colour image with NaN or infinite pixels, naming how many and the first.
+
+    Raises:
+        InputError: there are some.
+    """
+    import numpy as np
+
+    if np.isfinite(color.pixels).all():
+        return
+    rows, columns = np.nonzero(~np.isfinite(color.pixels).all(axis=2))
+    problem = (
+        f"has {len(rows)} pixels that are NaN or infinite, the first at {columns[0]},{rows[0]}"
+    )
+    raise InputError(color.path, problem, "render or save it again with finite values")
+
+
+def describe(path: Path) -> FileInfo:
+    """What a colour or depth file holds, without decoding its pixels.
+
+    Raises:
+        InputError: the file is missing, damaged or of no known kind.
+    """
+    head = read_head(path)
+    if is_exr(head):
+        headers = read_headers(path)
+        parts = tuple(
+            PartInfo(h.index, h.name, tuple((c.name, c.type) for c in h.channels), h.deep)
+            for h in headers
+        )
+        shown = headers[0].display
+        return FileInfo(path, shown.width, shown.height, parts)
+    if is_float_map(head):
+        values = read_float_map(path).values
+        floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
+        return FileInfo(path, values.shape[1], values.shape[0], (floats,))
+    raster = read_raster(path, pixels=False)
+    flat = PartInfo(0, "", tuple((name, raster.type) for name in raster.channels), raster.deep)
+    return FileInfo(path, raster.width, raster.height, (flat,))
+
+
+def _from_exr(path: Path, layer: str | None, part: int | None) -> Color:
+    import numpy as np
+
+    headers = read_headers(path)
+    chosen = choose_color(path, headers, layer=layer, part=part)
+    parts = read_parts(path, headers)
+    own = parts[chosen.header.index]
+    planes = [own.channels[name] for name in chosen.channels.values()]
+    return Color(
+        pixels=np.stack(planes, axis=2, dtype=np.float32),
+        channels=tuple(chosen.channels),
+        path=path,
+        attributes=own.attributes,
+        extras=_extras(parts, chosen),
+    )
+
+
+def _extras(parts: Sequence[Part], chosen: ColorLayer) -> dict[str, NDArray[Any]]:
+    """Channels beside the chosen layer; PART.NAME where a plain name is taken.
+
+    Parts of another size cannot share a file with the output and stay behind.
+    """
+    size = (chosen.header.display.width, chosen.header.display.height)
+    extras: dict[str, NDArray[Any]] = {}
+    for part in sorted(parts, key=lambda p: p.header.index != chosen.header.index):
+        display = part.header.display
+        if (display.width, display.height) != size:
+            continue
+        own = part.header.index == chosen.header.index
+        for name, plane in part.channels.items():
+            if own and name in chosen.channels.values():
+                continue
+            taken = name in extras or name in chosen.channels
+            extras[f"{part.header.label}.{name}" if taken else name] = plane
+    return extras
+
+
+def _from_raster(path: Path, raster: Raster) -> Color:
+    import numpy as np
+
+    if raster.samples is None:
+        raise InputError(path, "holds deep data", "flatten it first")
+    names = raster.channels
+    wanted = "RGBA" if {"R", "G", "B"} <= set(names) else "YA"
+    channels = tuple(c for c in wanted if c in names)
+    if channels in ((), ("A",)):
+        problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
+        raise InputError(path, problem, "save it as RGB or grey")
+    samples = raster.samples[:, :, [names.index(c) for c in channels]]
+    alpha = _unit(samples[:, :, -1:]) if channels[-1] == "A" else None
+    colour = samples if alpha is None else samples[:, :, :-1]
+    pixels = _linear(colour, raster, alpha)
+    if alpha is not None:
+        pixels = np.concatenate([pixels, alpha], axis=2)
+    return Color(np.ascontiguousarray(pixels), channels, path)
+
+
+def _linear(
+    colour: NDArray[Any], raster: Raster, alpha: NDArray[np.float32] | None
+) -> NDArray[np.float32]:
+    """Linear light, premultiplied by ``alpha`` if there is one."""
+    import numpy as np
+
+    linear: NDArray[np.float32]
+    if alpha is not None and raster.associated and raster.gamma != 1.0:
+        # Such files were premultiplied after encoding, as editors do: undo that first.
+        visible = np.where(alpha > 0, alpha, np.float32(1.0))
+        return _decoded(np.minimum(_unit(colour) / visible, 1.0), raster.gamma) * alpha
+    if colour.dtype.kind == "u":
+        linear = decoding_table(colour.dtype.itemsize * 8, raster.gamma)[colour]
+    else:
+        linear = _decoded(colour, raster.gamma)
+    return linear if alpha is None or raster.associated else linear * alpha
+
+
+def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
+    import numpy as np
+
+    if gamma == 1.0:
+        return values
+    linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
+    return linear.astype(np.float32)
+
+
+def _unit(samples: NDArray[Any]) -> NDArray[np.float32]:
+    """Integers as 0…1, floats as they are."""
+    import numpy as np
+
+    if samples.dtype.kind != "u":
+        return samples.astype(np.float32)
+    top = np.iinfo(samples.dtype).max
+    return (samples / top).astype(np.float32)

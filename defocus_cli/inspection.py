@@ -1,0 +1,149 @@
+"""What is in a file, as ``defocus info`` tells it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from defocus_cli.errors import InputError
+from defocus_cli.job import Lens, Reading
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_cli.depth import Depth
+    from defocus_cli.images import FileInfo
+
+
+@dataclass(frozen=True)
+class ColorFound:
+    """Colour that ``defocus render`` would take."""
+
+    channels: tuple[str, ...]
+    nonfinite: int  # pixels that are NaN or infinite
+
+
+@dataclass(frozen=True)
+class DepthFound:
+    """Depth that ``defocus render`` would take; ranges are None where no pixel has a depth."""
+
+    note: str
+    range_m: tuple[float, float] | None  # without sky
+    sky: int
+    invalid: int
+    lens: Lens | None  # with the focus distance that --focus-at found
+    coc_px: tuple[float, float] | None  # sky included; None without a lens
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is in a file; where colour or depth is missing, the note says why."""
+
+    info: FileInfo
+    color: ColorFound | None
+    color_note: str
+    depth: DepthFound | None
+    depth_note: str
+
+
+def inspect(path: Path, reading: Reading, lens: Lens | None) -> Inspection:
+    """Read a file as ``defocus render`` would, and say what is in it.
+
+    Raises:
+        InputError: the file cannot be read, or does not have what ``reading`` names.
+        UsageProblem: the options make no sense for this file.
+    """
+    from defocus_cli.depth import read_depth
+    from defocus_cli.images import describe, read_color
+
+    info = describe(path)
+    color_note = _why_no_color(info, reading)
+    depth_note = _why_no_depth(info, reading)
+    color = depth = None
+    if not color_note:
+        read = read_color(path, layer=reading.color_layer, part=reading.part)
+        color = ColorFound(read.channels, _nonfinite(read.pixels))
+    if not depth_note:
+        channel, unit = reading.depth_channel, reading.depth_unit
+        depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)
+    return Inspection(info, color, color_note, depth, depth_note)
+
+
+def _why_no_color(info: FileInfo, reading: Reading) -> str:
+    """Why a file has no colour to blur; empty if it has."""
+    from defocus_cli.exr_header import is_exr, read_headers
+    from defocus_cli.files import read_head
+    from defocus_cli.layers import choose_color
+
+    if is_exr(read_head(info.path)):
+        try:
+            choose_color(
+                info.path, read_headers(info.path), layer=reading.color_layer, part=reading.part
+            )
+        except InputError as error:
+            if reading.color_layer is not None:
+                raise
+            return _clause(error)
+        return ""
+    names = {name for part in info.parts for name, _ in part.channels}
+    return "" if {"R", "G", "B"} <= names or "Y" in names else "has no colour channels"
+
+
+def _why_no_depth(info: FileInfo, reading: Reading) -> str:
+    """Why a file has no depth; empty if it has."""
+    from defocus_cli.exr_header import is_exr, read_headers
+    from defocus_cli.files import read_head
+    from defocus_cli.layers import choose_depth
+
+    if is_exr(read_head(info.path)):
+        try:
+            choose_depth(
+                info.path, read_headers(info.path), channel=reading.depth_channel, part=reading.part
+            )
+        except InputError as error:
+            if reading.depth_channel is not None:
+                raise
+            return _clause(error)
+        return ""
+    channels = info.parts[0].channels
+    if len(channels) != 1:
+        return f"has {len(channels)} channels, and depth is one"
+    return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
+
+
+def _clause(error: InputError) -> str:
+    return f"{error.problem}; {error.remedy}" if error.remedy else error.problem
+
+
+def _nonfinite(pixels: NDArray[np.float32]) -> int:
+    import numpy as np
+
+    return int((~np.isfinite(pixels)).any(axis=2).sum())
+
+
+def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
+    import numpy as np
+
+    from defocus_cli import engine
+
+    valid = depth.metres[~depth.invalid]
+    finite = valid[np.isfinite(valid)]
+    coc_px = None
+    if lens is not None and valid.size:
+        lens = engine.focused(lens, depth)
+        height, width = depth.metres.shape
+        # The radius grows with depth all the way: the extreme depths have the extreme radii.
+        extremes = np.array([valid.min(), valid.max()])
+        near, far = engine.signed_radius(lens, extremes, (width, height))
+        coc_px = (float(near), float(far))
+    return DepthFound(
+        note=depth.note,
+        range_m=(float(finite.min()), float(finite.max())) if finite.size else None,
+        sky=int(np.isinf(valid).sum()),
+        invalid=int(depth.invalid.sum()),
+        lens=lens,
+        coc_px=coc_px,
+    )

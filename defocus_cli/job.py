@@ -1,0 +1,225 @@
+"""A job: one picture, the lens that takes it, what to write and how to compute it.
+
+Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
+Nothing here opens a file: what can be refused by looking at names is refused before any work.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from defocus_cli.errors import InputError
+
+IMAGE_KINDS = ("render", "left", "right")
+MAP_KINDS = ("coc", "disparity")
+KINDS = IMAGE_KINDS + MAP_KINDS
+SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
+COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
+DEPTH_SUFFIXES = frozenset({".exr", ".pfm", ".npy", ".png", ".tif", ".tiff"})
+SCENE_SUFFIXES = frozenset({".exr"})
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Where colour and depth of one picture are; the same file twice when one EXR holds both."""
+
+    stem: str
+    color: Path
+    depth: Path
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A thin lens, lengths in mm; focused at ``foc_dist`` or on what pixel ``focus_at`` shows."""
+
+    foclen: float
+    fnum: float
+    foc_dist: float | None
+    focus_at: tuple[int, int] | None = None
+    sensor_width: float = 36.0
+    blades: int = 0
+    blade_rotation: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What to take from the input files."""
+
+    depth_unit: str | None = None  # None: what the file type implies
+    depth_channel: str | None = None
+    color_layer: str | None = None
+    part: int | None = None
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What to write, and where."""
+
+    root: Path
+    kinds: tuple[str, ...] = ("render",)
+    format: str = "exr"
+    exr_type: str = "half"
+    preview: bool = False
+    overwrite: bool = False
+
+    def paths(self, stem: str) -> dict[str, Path]:
+        """The file of each kind for one picture."""
+        return {
+            kind: self.root
+            / kind
+            / (stem + (".exr" if kind in MAP_KINDS else SUFFIXES[self.format]))
+            for kind in self.kinds
+        }
+
+    def previews(self, stem: str) -> dict[str, Path]:
+        """The preview of each kind for one picture; empty when none are wanted."""
+        if not self.preview:
+            return {}
+        return {kind: self.root / kind / f"{stem}.preview.png" for kind in self.kinds}
+
+
+@dataclass(frozen=True)
+class Machine:
+    """How to compute: what the pictures look like depends on ``quality`` alone."""
+
+    quality: str = "standard"
+    device: str = "auto"
+    threads: int = 1
+
+
+@dataclass(frozen=True)
+class Job:
+    """One picture to render."""
+
+    picture: Picture
+    lens: Lens
+    reading: Reading
+    outputs: Outputs
+    machine: Machine
+
+    @property
+    def written(self) -> list[Path]:
+        """Every file this job writes."""
+        stem = self.picture.stem
+        return [*self.outputs.paths(stem).values(), *self.outputs.previews(stem).values()]
+
+
+def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
+    """The pictures that one or two paths on the command line mean, sorted by stem.
+
+    Args:
+        color: a colour file, or a directory of them.
+        depth: the depth file or directory; None if each colour EXR holds its own depth.
+
+    Raises:
+        InputError: a path is missing or of the wrong sort, or files do not pair up.
+    """
+    for path in (color, depth):
+        if path is not None and not path.exists():
+            raise InputError(path, "no such file or directory", "check the path")
+    if depth is None:
+        return _scenes(color)
+    if color.is_dir() != depth.is_dir():
+        folder, file = (color, depth) if color.is_dir() else (depth, color)
+        raise InputError(
+            folder, f"is a directory but {file} is a file", "give two files or two directories"
+        )
+    if not color.is_dir():
+        return [Picture(color.stem, color, depth)]
+    colors, depths = _by_stem(color, COLOR_SUFFIXES), _by_stem(depth, DEPTH_SUFFIXES)
+    for folder, lone, other in (
+        (color, colors.keys() - depths.keys(), depth),
+        (depth, depths.keys() - colors.keys(), color),
+    ):
+        if lone:
+            names = _some([(colors | depths)[stem].name for stem in sorted(lone)])
+            raise InputError(
+                folder,
+                f"nothing in {other} has the stem of {names}",
+                "name colour and depth files alike or move the unpaired ones away",
+            )
+    return [Picture(stem, colors[stem], depths[stem]) for stem in sorted(colors)]
+
+
+def make_jobs(
+    pictures: Sequence[Picture], lens: Lens, *, reading: Reading, outputs: Outputs, machine: Machine
+) -> list[Job]:
+    """One job for each picture, refused as a whole if any would write where it must not.
+
+    Raises:
+        InputError: an output exists already, is an input or another job's output, or lies where
+            nothing can be written.
+    """
+    jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
+    written = [path for job in jobs for path in job.written]
+    _refuse_clashes(written, pictures)
+    _refuse_unwritable(outputs)
+    existing = [path for path in written if path.exists()]
+    if existing and not outputs.overwrite:
+        others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""
+        raise InputError(
+            existing[0],
+            f"exists already{others}",
+            "choose another -o or add --overwrite to render again",
+        )
+    return jobs
+
+
+def _scenes(path: Path) -> list[Picture]:
+    if path.is_dir():
+        return [Picture(stem, file, file) for stem, file in _by_stem(path, SCENE_SUFFIXES).items()]
+    if path.suffix.lower() not in SCENE_SUFFIXES:
+        raise InputError(
+            path,
+            "has no depth, which only EXR holds beside colour",
+            "give the depth file as a second argument",
+        )
+    return [Picture(path.stem, path, path)]
+
+
+def _by_stem(folder: Path, suffixes: frozenset[str]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or path.suffix.lower() not in suffixes or path.is_dir():
+            continue
+        if path.stem in found:
+            raise InputError(
+                path,
+                f"has the same stem as {found[path.stem].name}, so their outputs would clash",
+                "rename or move one of them",
+            )
+        found[path.stem] = path
+    if not found:
+        known = ", ".join(sorted(suffix[1:] for suffix in suffixes))
+        raise InputError(
+            folder, "holds no file of a known type", f"give one with files of type {known}"
+        )
+    return found
+
+
+def _refuse_clashes(written: Sequence[Path], pictures: Sequence[Picture]) -> None:
+    twice = next((path for path, count in Counter(written).items() if count > 1), None)
+    if twice is not None:
+        raise InputError(twice, "would be written twice", "rename one of the colour files")
+    inputs = {path.resolve() for picture in pictures for path in (picture.color, picture.depth)}
+    for path in written:
+        if path.resolve() in inputs:
+            raise InputError(path, "is an input and would be overwritten", "choose another -o")
+
+
+def _refuse_unwritable(outputs: Outputs) -> None:
+    for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
+        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            raise InputError(existing, "is a file where a directory is needed", "choose another -o")
+        if not os.access(existing, os.W_OK | os.X_OK):
+            raise InputError(existing, "cannot be written to", "choose another -o")
+
+
+def _some(names: Sequence[str], most: int = 3) -> str:
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + rest

@@ -1,0 +1,134 @@
+"""The ``defocus`` command: finds the subcommand, and says in one line what went wrong.
+
+Exit codes: 0 done, 1 a fault of defocus itself, 2 usage, 3 input or output, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import traceback
+from collections.abc import Sequence
+
+import click
+
+from defocus_cli.errors import UserError, one_line, reason
+from defocus_cli.options import option_name
+from defocus_cli.report import version
+
+COMMANDS = ("render", "info")
+NO_SPACE = 28  # errno.ENOSPC
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are modules of ``defocus_cli.commands``, imported when asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the commands, in the order help shows them."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"defocus_cli.commands.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command asked for; click would answer Ctrl-C with an empty line first."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise Interrupted("interrupted; pictures that were finished are kept") from None
+
+
+class Interrupted(click.ClickException):
+    """The user pressed Ctrl-C."""
+
+    exit_code = 130
+
+
+def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        click.echo(f"defocus {version()}")
+        ctx.exit()
+
+
+@click.group(
+    cls=LazyGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Print the version.",
+)
+@click.pass_context
+def cli(ctx: click.Context) -> None:
+    """Defocus pictures as a lens would, from colour and depth.
+
+    \b
+    Examples:
+      defocus render photo.png depth.png -o out --focal-length 50mm --fnumber 1.4 --focus 2m
+      defocus info scene.exr
+    """  # noqa: D301  click reads the backspace
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command line ``args`` (default: the process's own) and return the exit code."""
+    args = list(sys.argv[1:] if args is None else args)
+    try:
+        code = cli.main(args, prog_name="defocus", standalone_mode=False)
+    except (click.Abort, KeyboardInterrupt):  # before a command ran
+        return _fail("interrupted", Interrupted.exit_code)
+    except click.ClickException as error:
+        return _fail(told(error), error.exit_code)
+    except OSError as error:
+        return _fail(told_of_system(error), 3)
+    except Exception as error:
+        if {"-v", "--verbose"} & set(args):
+            traceback.print_exc()
+        problem = f"unexpected {type(error).__name__}: {reason(error)}"
+        return _fail(f"{problem}; please report it, with what -v says", 1)
+    return code if isinstance(code, int) else 0
+
+
+def told(error: click.ClickException) -> str:
+    """A click error in the form ``SUBJECT: problem; remedy``."""
+    if isinstance(error, UserError) or not isinstance(error, click.UsageError):
+        return one_line(error.format_message())
+    remedy = f"see '{error.ctx.command_path if error.ctx else 'defocus'} --help'"
+    if isinstance(error, click.NoSuchOption):
+        if error.possibilities:
+            remedy = f"did you mean {' or '.join(sorted(error.possibilities))}?"
+        return f"{error.option_name}: no such option; {remedy}"
+    if isinstance(error, click.MissingParameter):
+        return f"{option_name(error.param)}: is missing; {remedy}"
+    if isinstance(error, click.BadParameter):
+        return f"{option_name(error.param)}: {_clause(error)}; {remedy}"
+    if isinstance(error, click.BadOptionUsage):
+        problem = _clause(error).removeprefix(f"Option '{error.option_name}' ")
+        return f"{error.option_name}: {problem}; {remedy}"
+    return f"command line: {_clause(error)}; {remedy}"
+
+
+def told_of_system(error: OSError) -> str:
+    """An error of the operating system in the form ``SUBJECT: problem; remedy``."""
+    remedy = "free some space" if error.errno == NO_SPACE else "check the path and its permissions"
+    return one_line(f"{error.filename or 'system'}: {reason(error)}; {remedy}")
+
+
+def _clause(error: click.ClickException) -> str:
+    return one_line(error.message).rstrip(".")
+
+
+def _fail(line: str, code: int) -> int:
+    click.echo(f"defocus: {line}", err=True)
+    return code

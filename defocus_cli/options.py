@@ -1,0 +1,287 @@
+"""Options that commands share, bundled: a command receives one object for each group.
+
+``@lens_options`` adds ``--focal-length``, ``--fnumber``, … and hands the command ``lens: Lens``.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from defocus_cli import quantities
+from defocus_cli.errors import UsageProblem
+from defocus_cli.job import KINDS, SUFFIXES, Lens, Machine, Outputs, Reading
+from defocus_cli.lens_file import PARSERS, make_lens
+
+Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
+QUALITIES = ("draft", "standard", "high")  # those of defocus_core, which takes seconds to import
+DEPTH_UNITS = ("mm", "cm", "m", "ft")
+DEVICES = ("auto", "cpu", "cuda")
+
+
+class Quantity(click.ParamType[Any]):
+    """A quantity with its unit, read by a parser of ``quantities``."""
+
+    def __init__(self, parse: Callable[[str], Any], name: str) -> None:
+        self.parse = parse
+        self.name = name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse ``value``; what is parsed already passes."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.parse(value)
+        except quantities.QuantityError as error:
+            raise UsageProblem(option_name(param), error.problem, error.remedy) from None
+
+
+class Kinds(click.ParamType[tuple[str, ...]]):
+    """Kinds of output, separated by commas."""
+
+    name = "kinds"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Split and check; each kind once, in the order given."""
+        if not isinstance(value, str):
+            return tuple(value)
+        kinds = tuple(dict.fromkeys(kind.strip() for kind in value.split(",")))
+        for kind in kinds:
+            if kind not in KINDS:
+                raise UsageProblem(
+                    option_name(param),
+                    f"'{kind}' is not an output",
+                    f"choose from {', '.join(KINDS)}",
+                )
+        return kinds
+
+
+class GroupedOption(click.Option):
+    """An option that help shows under a heading."""
+
+    def __init__(self, *args: Any, heading: str = "Options", **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.heading = heading
+
+
+class GroupedCommand(click.Command):
+    """A command whose help shows its options under their headings, in order."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse; click forgets which command an option without its value belongs to."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            error.ctx = error.ctx or ctx
+            raise
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one section for each heading."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
+            if record is not None:
+                sections.setdefault(getattr(param, "heading", "Options"), []).append(record)
+        for heading, records in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(records)
+
+
+def option_name(param: click.Parameter | None) -> str:
+    """The long name of an option, or the metavar of an argument, as a user writes it."""
+    if isinstance(param, click.Option):
+        return max(param.opts, key=len)
+    return param.human_readable_name if param else "command line"
+
+
+def cores() -> int:
+    """The number of cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def lens_options(*, required: bool) -> Decorator:
+    """Hand a command ``lens``: a Lens, or None if none was asked for and none is required."""
+
+    def make(lens_file: Path | None, **values: Any) -> Lens | None:
+        flags = {name.replace("_", "-"): value for name, value in values.items()}
+        asked = lens_file is not None or any(value is not None for value in flags.values())
+        return make_lens(flags, lens_file) if required or asked else None
+
+    return _bundle("lens", make, [*map(_lens_option, _LENS_HELP), _lens_file_option()])
+
+
+def reading_options(command: Command) -> Command:
+    """Hand a command ``reading``: what to take from the input files."""
+    option = functools.partial(_option, "Files")
+    return _bundle(
+        "reading",
+        Reading,
+        [
+            option(
+                "--depth-unit",
+                type=click.Choice(DEPTH_UNITS),
+                help="Unit of the depth.  [default: m; mm in 16-bit PNG]",
+            ),
+            option("--depth-channel", metavar="NAME", help="Depth channel of an EXR."),
+            option("--color-layer", metavar="NAME", help="Colour layer of an EXR."),
+            option(
+                "--part",
+                type=click.IntRange(min=0),
+                metavar="N",
+                help="Part of an EXR to look in, from 0.",
+            ),
+        ],
+    )(command)
+
+
+def output_options(command: Command) -> Command:
+    """Hand a command ``outputs``: what to write, and where."""
+    option = functools.partial(_option, "Output")
+    return _bundle(
+        "outputs",
+        Outputs,
+        [
+            option(
+                "-o",
+                "--out",
+                "root",
+                type=click.Path(path_type=Path),
+                required=True,
+                metavar="OUT",
+                help="Directory to write to.",
+            ),
+            option(
+                "--outputs",
+                "kinds",
+                type=Kinds(),
+                default="render",
+                show_default=True,
+                metavar="KIND,…",
+                help=f"What to write, of {', '.join(KINDS)}.",
+            ),
+            option(
+                "--format",
+                type=click.Choice(list(SUFFIXES)),
+                default="exr",
+                show_default=True,
+                help="Type of the images; coc and disparity are always float EXR.",
+            ),
+            option(
+                "--exr-type",
+                type=click.Choice(["half", "float"]),
+                default="half",
+                show_default=True,
+                help="Number type of the images' EXR.",
+            ),
+            option(
+                "--preview",
+                is_flag=True,
+                help="Also write OUT/<kind>/<stem>.preview.png to look at.",
+            ),
+            option("--overwrite", is_flag=True, help="Render again and replace what is there."),
+        ],
+    )(command)
+
+
+def machine_options(command: Command) -> Command:
+    """Hand a command ``machine``: how to compute."""
+    option = functools.partial(_option, "Machine")
+    return _bundle(
+        "machine",
+        Machine,
+        [
+            option(
+                "--quality",
+                type=click.Choice(QUALITIES),
+                default="standard",
+                show_default=True,
+                help="Accuracy, bought with time.",
+            ),
+            option(
+                "--device",
+                type=click.Choice(DEVICES),
+                default="auto",
+                show_default=True,
+                help="Where to compute; auto takes a GPU if there is one.",
+            ),
+            option(
+                "--threads",
+                type=click.IntRange(min=1),
+                default=cores,
+                metavar="N",
+                help="Threads to compute with.  [default: one for each core]",
+            ),
+        ],
+    )(command)
+
+
+def json_option(command: Command) -> Command:
+    """Hand a command ``as_json``."""
+    text = "Print one JSON document on stdout."
+    return _option("Options", "--json", "as_json", is_flag=True, help=text)(command)
+
+
+def verbose_option(command: Command) -> Command:
+    """Hand a command ``verbose``."""
+    text = "Say more, on stderr."
+    return _option("Options", "-v", "--verbose", is_flag=True, help=text)(command)
+
+
+_LENS_HELP = {
+    "focal-length": ("LENGTH", "Focal length, like 50mm."),
+    "fnumber": ("N", "F-number, like 1.4."),
+    "aperture-diameter": ("LENGTH", "Diameter of the opening; instead of --fnumber."),
+    "sensor-width": ("LENGTH", "Width of the sensor.  [default: 36mm]"),
+    "focus": ("DISTANCE", "Distance in focus, from the lens, like 2m; or inf."),
+    "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
+    "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
+    "blade-rotation": (
+        "DEG",
+        "Where a vertex of the polygon points, counter-clockwise from +x as seen in the image, "
+        "for points beyond the focus.",
+    ),
+}
+
+
+def _lens_option(name: str) -> Decorator:
+    metavar, text = _LENS_HELP[name]
+    kind = Quantity(PARSERS[name], metavar)
+    return _option("Lens", f"--{name}", type=kind, metavar=metavar, help=text)
+
+
+def _lens_file_option() -> Decorator:
+    text = 'File of lens options, like focal-length = "50mm"; what is given beside it wins.'
+    kind = click.Path(path_type=Path)
+    return _option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)
+
+
+def _option(heading: str, *names: str, **settings: Any) -> Decorator:
+    return click.option(*names, cls=GroupedOption, heading=heading, **settings)
+
+
+def _bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
+    """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
+
+    def decorate(command: Command) -> Command:
+        @functools.wraps(command)
+        def call(*args: Any, **params: Any) -> Any:
+            values = {key: params.pop(key) for key in keys}
+            return command(*args, **{name: make(**values)}, **params)
+
+        optioned: Any = call
+        for option in reversed(options):
+            optioned = option(optioned)
+        keys = [param.name for param in optioned.__click_params__[-len(options) :]]
+        return call
+
+    return decorate

@@ -1,0 +1,97 @@
+"""Quantities as people write them: lengths with a unit, angles, pixels, counts.
+
+A parser takes what stands on the command line or in a lens file and returns millimetres, degrees or
+plain numbers. Decimal arithmetic keeps ``2.3m`` at 2300 mm, so that it is written back as it came.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from decimal import Decimal
+
+MM_PER_UNIT = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
+_LENGTHS = "like 2m or 50mm"
+
+
+class QuantityError(ValueError):
+    """A text that is not the quantity asked for: what is wrong, and what to write instead."""
+
+    def __init__(self, problem: str, remedy: str) -> None:
+        super().__init__(f"{problem}; {remedy}")
+        self.problem = problem
+        self.remedy = remedy
+
+
+def length(text: str) -> float:
+    """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
+    number, unit = _split(text, "a length", f"write a number with a unit, {_LENGTHS}")
+    if not unit:
+        raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {_LENGTHS}")
+    if unit not in MM_PER_UNIT:
+        known = ", ".join(MM_PER_UNIT)
+        raise QuantityError(f"'{text}' has an unknown unit", f"use one of {known}")
+    return _positive(float(number * Decimal(MM_PER_UNIT[unit])), text, _LENGTHS)
+
+
+def focus(text: str) -> float:
+    """The distance in focus in mm; ``inf`` for infinity."""
+    if text.strip().lower() in ("inf", "infinity"):
+        return math.inf
+    return length(text)
+
+
+def fnumber(text: str) -> float:
+    """A positive f-number, from ``1.4`` or ``f/1.4``."""
+    number, unit = _split(text.lower().removeprefix("f/"), "an f-number", "write it like 1.4")
+    if unit:
+        raise QuantityError(f"'{text}' is not an f-number", "write it without a unit, like 1.4")
+    return _positive(float(number), text, "like 1.4")
+
+
+def angle(text: str) -> float:
+    """An angle in degrees, from ``15`` or ``15deg``."""
+    number, unit = _split(text.replace("°", "deg"), "an angle", "write degrees, like 15deg")
+    if unit not in ("", "deg"):
+        raise QuantityError(f"'{text}' has an unknown unit", "write degrees, like 15deg")
+    return float(number)
+
+
+def blades(text: str) -> int:
+    """The number of aperture blades: 0 for a round opening, else 3 or more."""
+    try:
+        count = int(text)
+    except ValueError:
+        raise QuantityError(f"'{text}' is not a whole number", "write it like 6") from None
+    if count < 0 or count in (1, 2):
+        raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
+    return count
+
+
+def pixel(text: str) -> tuple[int, int]:
+    """A pixel (x, y), counted from 0 at the upper left, from ``X,Y``."""
+    found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
+    if not found:
+        raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
+    return int(found[1]), int(found[2])
+
+
+def length_text(mm: float, digits: int = 6) -> str:
+    """A length to show, like ``50mm``, ``2m`` or ``inf``."""
+    if math.isinf(mm):
+        return "inf"
+    return f"{mm / 1000:.{digits}g}m" if abs(mm) >= 1000 else f"{mm:.{digits}g}mm"
+
+
+def _split(text: str, what: str, remedy: str) -> tuple[Decimal, str]:
+    found = _NUMBER.fullmatch(text)
+    if not found:
+        raise QuantityError(f"'{text}' is not {what}", remedy)
+    return Decimal(found[1]), found[2].lower()
+
+
+def _positive(value: float, text: str, example: str) -> float:
+    if not 0 < value < math.inf:
+        raise QuantityError(f"'{text}' is not positive and finite", f"give one that is, {example}")
+    return value

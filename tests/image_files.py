@@ -1,0 +1,71 @@
+"""Small image files for the tests, written without the code under test."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+SCANLINE = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+
+
+def random_planes(names: str, shape: tuple[int, int] = (24, 32), seed: int = 0) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    return {name: rng.random(shape, np.float32).astype(np.float16) for name in names}
+
+
+def box(x0: int, y0: int, x1: int, y1: int) -> tuple[Any, Any]:
+    return np.array([x0, y0], np.int32), np.array([x1, y1], np.int32)
+
+
+def write_window(path: Path, planes: dict[str, Any], data: Any, display: Any) -> None:
+    header = {**SCANLINE, "dataWindow": data, "displayWindow": display}
+    OpenEXR.File(header, planes).write(str(path))
+
+
+def write_deep(path: Path) -> None:
+    samples = np.empty((4, 5), dtype=object)
+    for index in np.ndindex(samples.shape):
+        samples[index] = np.array([1.0, 2.0], np.float32)
+    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    OpenEXR.File(header, {"Z": samples}).write(str(path))
+
+
+def save(path: Path, samples: Any, **attributes: Any) -> Path:
+    """Write samples as they are; ``a__b`` stands for the attribute a:b."""
+    height, width, channels = samples.shape
+    kind = {"float32": "float"}.get(samples.dtype.name, samples.dtype.name)
+    spec = oiio.ImageSpec(width, height, channels, kind)
+    spec.attribute("oiio:UnassociatedAlpha", 1)
+    for name, value in attributes.items():
+        spec.attribute(name.replace("__", ":"), value)
+    output: Any = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec)
+    assert output.write_image(samples)
+    assert output.close()
+    return path
+
+
+def png_chunk(kind: bytes, data: bytes) -> bytes:
+    body = kind + data
+    return len(data).to_bytes(4, "big") + body + zlib.crc32(body).to_bytes(4, "big")
+
+
+def raw_png(path: Path, samples: Any, chunk: bytes) -> Path:
+    """A 16-bit RGB PNG whose only colour statement is ``chunk``."""
+    height, width, _ = samples.shape
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
+    head = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([16, 2, 0, 0, 0])
+    body = png_chunk(b"IHDR", head) + chunk + png_chunk(b"IDAT", zlib.compress(rows))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body + png_chunk(b"IEND", b""))
+    return path
+
+
+def multi_part(path: Path, **parts: dict[str, Any]) -> Path:
+    made = [OpenEXR.Part({"name": name, **SCANLINE}, planes) for name, planes in parts.items()]
+    OpenEXR.File(made).write(str(path))
+    return path

@@ -1,0 +1,41 @@
+"""Numbers that the laws are about."""
+
+import math
+
+import torch
+from torch import Tensor
+
+
+def worst(a: Tensor, b: Tensor | float) -> float:
+    """Greatest difference."""
+    return float((a.double() - b).abs().max())
+
+
+def psnr(a: Tensor, b: Tensor) -> float:
+    """Peak signal to noise in dB, for a peak of 1."""
+    return -10 * math.log10(float((a.double() - b).square().mean().clamp(min=1e-30)))
+
+
+def inner(image: Tensor, border: int) -> Tensor:
+    """Without a border."""
+    return image[..., border : image.shape[-2] - border, border : image.shape[-1] - border]
+
+
+def centred(length: int) -> Tensor:
+    """Coordinates of pixels from the middle one."""
+    return torch.arange(length, dtype=torch.float64) - length // 2
+
+
+def centroid(image: Tensor) -> tuple[float, float]:
+    """Column and row of the first channel's centre of mass, from the middle pixel."""
+    share = image[0].double() / image[0].double().sum()
+    H, W = share.shape
+    return float((share.sum(0) * centred(W)).sum()), float((share.sum(1) * centred(H)).sum())
+
+
+def second_moments(image: Tensor) -> tuple[float, float]:
+    """Mean x² and y² of the first channel from the middle pixel, in px²."""
+    share = image[0].double() / image[0].double().sum()
+    H, W = share.shape
+    across, down = centred(W).square(), centred(H).square()
+    return float((share.sum(0) * across).sum()), float((share.sum(1) * down).sum())

@@ -1,0 +1,99 @@
+"""Tiny pictures with signed CoC radius for the laws: float64 image [C, H, W] and radius [H, W]."""
+
+import torch
+from reference import Layer, flatten
+from torch import Tensor
+
+Scene = tuple[Tensor, Tensor]
+SIZE = (40, 56)  # H, W: not square, so that swapped axes show
+
+
+def slanted(size: tuple[int, int] = SIZE, near: float = -6.0, far: float = 9.0) -> Tensor:
+    """Radius of a plane that recedes to the right and a little upwards."""
+    H, W = size
+    across = torch.linspace(0, 1, W, dtype=torch.float64)[None, :]
+    upward = torch.linspace(1, 0, H, dtype=torch.float64)[:, None]
+    return near + (far - near) * (0.8 * across + 0.2 * upward)
+
+
+def steps(size: tuple[int, int] = SIZE) -> Tensor:
+    """Radius of four upright strips in a mixed order of depth."""
+    H, W = size
+    values = torch.tensor([4.0, -5.0, 0.0, 8.0], dtype=torch.float64)
+    return values[torch.arange(W) * 4 // W].expand(H, W).clone()
+
+
+def checkerboard(size: tuple[int, int] = SIZE) -> Tensor:
+    """Radius that jumps between near and far at every pixel."""
+    H, W = size
+    odd = (torch.arange(H)[:, None] + torch.arange(W)[None, :]) % 2
+    return torch.where(odd == 1, 6.0, -4.0).to(torch.float64)
+
+
+def random_radius(size: tuple[int, int] = SIZE, seed: int = 0) -> Tensor:
+    """Independent radii from -7 to 7 px."""
+    generator = torch.Generator().manual_seed(seed)
+    return torch.rand(size, generator=generator, dtype=torch.float64) * 14.0 - 7.0
+
+
+RADII = {
+    "slanted": slanted,
+    "steps": steps,
+    "checkerboard": checkerboard,
+    "random": random_radius,
+}
+
+
+def white(kind: str = "slanted", size: tuple[int, int] = SIZE) -> Scene:
+    """White everywhere, at the depths named in RADII."""
+    return torch.ones(3, *size, dtype=torch.float64), RADII[kind](size)
+
+
+def pattern(size: tuple[int, int] = SIZE, period: float = 9.0) -> Tensor:
+    """Smooth coloured waves in [0.1, 0.9]."""
+    H, W = size
+    y = torch.arange(H, dtype=torch.float64)[:, None]
+    x = torch.arange(W, dtype=torch.float64)[None, :]
+    phases = [(1.0, 0.3), (-0.4, 1.0), (0.7, 0.7)]
+    waves = [torch.sin(6.2832 / period * (a * x + b * y) + 2 * a) for a, b in phases]
+    return 0.5 + 0.4 * torch.stack(waves)
+
+
+def plane(r: float, size: tuple[int, int] = SIZE) -> Scene:
+    """Coloured waves at one radius."""
+    return pattern(size), torch.full(size, r, dtype=torch.float64)
+
+
+def slanted_waves(size: tuple[int, int] = SIZE) -> Scene:
+    """Coloured waves on a slanted plane through the focus."""
+    return pattern(size, period=14.0), slanted(size)
+
+
+def highlight(r: float = 6.0, value: float = 1000.0, size: tuple[int, int] = SIZE) -> Scene:
+    """One bright pixel in the middle of black, all at one radius."""
+    H, W = size
+    image = torch.zeros(3, H, W, dtype=torch.float64)
+    image[:, H // 2, W // 2] = value
+    return image, torch.full(size, r, dtype=torch.float64)
+
+
+def card_layers(
+    card_r: float, background_r: float, size: tuple[int, int] = SIZE, margin: int = 14
+) -> list[Layer]:
+    """A bright card with straight edges before waves, whole also where the card hides them."""
+    h, w = size[0] + 2 * margin, size[1] + 2 * margin
+    alpha = torch.zeros(h, w, dtype=torch.float64)
+    alpha[h // 4 : 2 * h // 3, w // 3 : 3 * w // 5] = 1.0
+    tint = torch.tensor([0.95, 0.75, 0.2], dtype=torch.float64)[:, None, None]
+    background = Layer(0.6 * pattern((h, w)), torch.ones(h, w, dtype=torch.float64), background_r)
+    return [Layer(tint * alpha, alpha, card_r), background]
+
+
+def sharp_card(background_r: float = 7.0, size: tuple[int, int] = SIZE) -> Scene:
+    """A card in focus before a blurred background."""
+    return flatten(card_layers(0.0, background_r, size), size)
+
+
+def blurred_card(card_r: float = -7.0, size: tuple[int, int] = SIZE) -> Scene:
+    """A blurred card before a background in focus."""
+    return flatten(card_layers(card_r, 0.0, size), size)

@@ -1,0 +1,108 @@
+"""``defocus info`` says what is in a file, as ``defocus render`` would read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import (
+    HEIGHT,
+    LENS,
+    WIDTH,
+    color_exr,
+    depth_exr,
+    ramp,
+    refused,
+    render,
+    run,
+    texture,
+    write_exr,
+)
+from image_files import save
+
+
+def holed_depth(path: Path) -> Path:
+    metres = ramp()
+    metres[0, :3] = np.inf
+    metres[1, :2] = 0
+    metres[2, 0] = np.nan
+    return depth_exr(path, metres)
+
+
+def test_depth_is_told_with_its_range_sky_and_holes(tmp_path: Path) -> None:
+    (record,) = run("info", "--json", holed_depth(tmp_path / "z.exr")).json["files"]
+    assert record["size"] == [WIDTH, HEIGHT]
+    assert record["parts"][0]["channels"] == {"Z": "float"}
+    assert record["color"] is None
+    assert record["depth"]["range_m"] == [1.0, 4.0]
+    assert record["depth"]["sky_pixels"] == 3
+    assert record["depth"]["invalid_pixels"] == 3
+    assert record["depth"]["coc_px"] is None
+
+
+def test_colour_is_told_with_its_channels(tmp_path: Path) -> None:
+    (record,) = run("info", "--json", color_exr(tmp_path / "c.exr")).json["files"]
+    assert record["color"] == {"channels": ["R", "G", "B"], "nonfinite_pixels": 0}
+    assert record["depth"] is None
+    assert "no depth channel" in record["depth_note"]
+
+
+def test_with_a_lens_the_blur_is_that_of_render(tmp_path: Path) -> None:
+    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
+    (record,) = run("info", "--json", depth, *LENS).json["files"]
+    ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "coc", "--json")
+    assert record["depth"]["coc_px"] == pytest.approx(ran.json["pictures"][0]["coc_px"])
+    assert record["depth"]["lens"]["focus_mm"] == 2000
+
+
+def test_sky_counts_in_the_blur(tmp_path: Path) -> None:
+    path = holed_depth(tmp_path / "z.exr")
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "inf")
+    (record,) = run("info", "--json", path, *lens).json["files"]
+    assert record["depth"]["coc_px"][1] == 0
+
+
+def test_people_are_told_on_stdout(tmp_path: Path) -> None:
+    ran = run("info", holed_depth(tmp_path / "z.exr"), color_exr(tmp_path / "c.exr"), *LENS)
+    assert ran.err == ""
+    for words in (
+        f"z.exr: {WIDTH}x{HEIGHT}",
+        "1 m to 4 m, 3 sky and 3 invalid pixels",
+        "CoC: -",
+        "50mm f/2, focus 2m, sensor 36mm",
+        "colour: R, G, B",
+    ):
+        assert words in ran.out
+
+
+def test_16_bit_grey_is_depth_in_mm_and_8_bit_is_not(tmp_path: Path) -> None:
+    mm = save(tmp_path / "z.png", (ramp() * 1000).astype(np.uint16)[..., None])
+    rgb = save(tmp_path / "c.png", (texture() * 255).astype(np.uint8))
+    depth, color = run("info", "--json", mm, rgb).json["files"]
+    assert depth["depth"]["range_m"] == [1.0, 4.0]
+    assert color["depth"] is None
+    assert color["color"]["channels"] == ["R", "G", "B"]
+
+
+def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path: Path) -> None:
+    path = write_exr(tmp_path / "z.exr", depth_Z=ramp(), other_depth=ramp() * 2)
+    (record,) = run("info", "--json", path).json["files"]
+    assert "--depth-channel" in record["depth_note"]
+    (record,) = run("info", "--json", path, "--depth-channel", "other.depth").json["files"]
+    assert record["depth"]["range_m"] == [2.0, 8.0]
+
+
+def test_a_channel_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    path = depth_exr(tmp_path / "z.exr")
+    refused(run("info", path, "--depth-channel", "W"), 3, f"{path}: has no channel W")
+
+
+def test_half_a_lens_is_usage(tmp_path: Path) -> None:
+    ran = run("info", depth_exr(tmp_path / "z.exr"), "--focal-length", "50mm")
+    refused(ran, 2, "--fnumber: is missing")
+
+
+def test_a_missing_file_is_input(tmp_path: Path) -> None:
+    refused(run("info", tmp_path / "no.exr"), 3, "no.exr: no such file")
+    refused(run("info"), 2, "FILE...: is missing")

@@ -1,0 +1,121 @@
+"""Files pair up by stem, and a job writes nothing that it should not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from defocus_cli.errors import InputError
+from defocus_cli.job import (
+    Job,
+    Lens,
+    Machine,
+    Outputs,
+    Picture,
+    Reading,
+    find_pictures,
+    make_jobs,
+)
+
+LENS = Lens(50.0, 2.0, 2000.0)
+
+
+def touch(folder: Path, *names: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).touch()
+    return folder
+
+
+def jobs_for(pictures: list[Picture], outputs: Outputs) -> list[Job]:
+    return make_jobs(pictures, LENS, reading=Reading(), outputs=outputs, machine=Machine())
+
+
+def test_two_files_are_one_picture_named_by_its_colour(tmp_path: Path) -> None:
+    folder = touch(tmp_path, "photo.v2.jpg", "anything.png")
+    color, depth = folder / "photo.v2.jpg", folder / "anything.png"
+    assert find_pictures(color, depth) == [Picture("photo.v2", color, depth)]
+
+
+def test_directories_pair_by_stem_in_order(tmp_path: Path) -> None:
+    color = touch(tmp_path / "c", "2.png", "1.JPG", ".1.png", "notes.txt")
+    depth = touch(tmp_path / "d", "1.exr", "2.npy", ".hidden.exr", "readme.md")
+    assert find_pictures(color, depth) == [
+        Picture("1", color / "1.JPG", depth / "1.exr"),
+        Picture("2", color / "2.png", depth / "2.npy"),
+    ]
+
+
+def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
+    folder = touch(tmp_path, "b.exr", "a.exr", "c.png")
+    file = folder / "a.exr"
+    assert find_pictures(file, None) == [Picture("a", file, file)]
+    assert [picture.stem for picture in find_pictures(folder, None)] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("colors", "depths", "words"),
+    [
+        (["1.png", "2.png"], ["1.exr"], r"stem of 2\.png"),
+        (["1.png"], ["1.exr", "3.exr"], r"stem of 3\.exr"),
+        (["1.png", "1.jpg"], ["1.exr"], "same stem"),
+        (["1.png"], ["1.exr", "1.npy"], "same stem"),
+        ([], ["1.exr"], "no file of a known type"),
+    ],
+)
+def test_what_does_not_pair_is_named(
+    tmp_path: Path, colors: list[str], depths: list[str], words: str
+) -> None:
+    color, depth = touch(tmp_path / "c", *colors), touch(tmp_path / "d", *depths)
+    with pytest.raises(InputError, match=words):
+        find_pictures(color, depth)
+
+
+def test_a_file_does_not_pair_with_a_directory(tmp_path: Path) -> None:
+    folder = touch(tmp_path / "c", "1.png")
+    for one, other in ((folder, folder / "1.png"), (folder / "1.png", folder)):
+        with pytest.raises(InputError, match="is a directory but"):
+            find_pictures(one, other)
+
+
+def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="second argument"):
+        find_pictures(touch(tmp_path, "a.png") / "a.png", None)
+
+
+def test_outputs_have_one_file_for_each_kind(tmp_path: Path) -> None:
+    outputs = Outputs(tmp_path, kinds=("render", "coc"), format="jpg", preview=True)
+    assert outputs.paths("a.b") == {
+        "render": tmp_path / "render" / "a.b.jpg",
+        "coc": tmp_path / "coc" / "a.b.exr",
+    }
+    assert outputs.previews("a.b")["coc"] == tmp_path / "coc" / "a.b.preview.png"
+
+
+def test_what_exists_is_refused_unless_told(tmp_path: Path) -> None:
+    pictures = [Picture(stem, tmp_path / f"{stem}.exr", tmp_path / "z.exr") for stem in "abc"]
+    touch(tmp_path / "out" / "render", "b.exr", "c.exr")
+    with pytest.raises(InputError, match=r"b\.exr: exists already \(and 1 more\).*--overwrite"):
+        jobs_for(pictures, Outputs(tmp_path / "out"))
+    assert len(jobs_for(pictures, Outputs(tmp_path / "out", overwrite=True))) == 3
+
+
+def test_an_input_is_never_overwritten(tmp_path: Path) -> None:
+    file = touch(tmp_path / "render", "a.exr") / "a.exr"
+    with pytest.raises(InputError, match="is an input"):
+        jobs_for([Picture("a", file, file)], Outputs(tmp_path, overwrite=True))
+
+
+def test_no_file_is_written_twice(tmp_path: Path) -> None:
+    pictures = [Picture(stem, tmp_path / stem, tmp_path / "z") for stem in ("a", "a.preview")]
+    with pytest.raises(InputError, match="written twice"):
+        jobs_for(pictures, Outputs(tmp_path / "out", format="png", preview=True))
+
+
+def test_a_file_in_place_of_a_directory_is_refused(tmp_path: Path) -> None:
+    pictures = [Picture("a", tmp_path / "a", tmp_path / "z")]
+    file = touch(tmp_path, "out") / "out"
+    for root in (file, file / "deeper"):
+        with pytest.raises(InputError, match="out: is a file"):
+            jobs_for(pictures, Outputs(root))

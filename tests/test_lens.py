@@ -1,0 +1,287 @@
+"""The thin lens obeys its closed forms, in float and in tensors, up to infinity."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from tolerances import ROUNDING, SUM
+from torch import Tensor
+
+from defocus_core import DefocusLens
+
+DEPTHS = torch.tensor([120.0, 800.0, 1999.0, 2000.0, 2500.0, 1e5, math.inf], dtype=torch.float64)
+
+
+def camera(foc_dist: float | Tensor = 2000.0, **changes) -> DefocusLens:
+    """A 50 mm f/1.4 on a 36 mm sensor 480 px wide."""
+    lens = DefocusLens(
+        changes.pop("foclen", 50.0),
+        changes.pop("fnum", 1.4),
+        sensor_size=(36.0, 20.25),
+        sensor_res=(480, 270),
+        **{"dtype": torch.float64, **changes},
+    )
+    lens.refocus(foc_dist)
+    return lens
+
+
+def parameter(value: float) -> Tensor:
+    return torch.tensor(value, dtype=torch.float64, requires_grad=True)
+
+
+@settings(deadline=None)
+@given(
+    foclen=st.floats(5, 300),
+    fnum=st.floats(0.7, 32),
+    focus=st.floats(10, 1e7),
+    depth=st.floats(10, 1e7),
+)
+def test_coc_is_what_the_marginal_rays_leave_on_the_sensor(foclen, fnum, focus, depth):
+    assume(focus > 1.01 * foclen and depth > 1.01 * foclen)
+    sensor = foclen * focus / (focus - foclen)
+    image = foclen * depth / (depth - foclen)  # where the rays of the point meet
+    traced = foclen / fnum * (sensor - image) / image
+    lens = camera(focus, foclen=foclen, fnum=fnum)
+    assert float(lens.signed_coc(depth)) == pytest.approx(traced, rel=1e-9, abs=1e-12)
+
+
+def test_coc_is_unsigned_and_equals_the_textbook_formula():
+    lens, z = camera(), DEPTHS[:-1]
+    expected = 50.0**2 / (1.4 * (2000.0 - 50.0)) * (z - 2000.0).abs() / z
+    torch.testing.assert_close(lens.coc(z), expected)
+    torch.testing.assert_close(lens.coc(-z), expected)
+
+
+def test_radius_is_negative_nearer_zero_in_focus_positive_beyond():
+    radius = camera().signed_radius(DEPTHS)
+    assert radius.sign().tolist() == [-1, -1, -1, 0, 1, 1, 1]
+    assert (radius.diff() > 0).all()
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("focus", [77.7, 2000.0, 12345.678, 1e7])
+def test_what_is_in_focus_has_radius_exactly_zero(dtype, focus):
+    depth = torch.tensor(focus, dtype=dtype)
+    assert float(camera(focus, dtype=dtype).signed_radius(depth)) == 0
+
+
+def test_radius_in_pixels_is_half_the_coc_over_the_pitch():
+    lens = camera()
+    assert lens.pixel_size == pytest.approx(0.075)
+    torch.testing.assert_close(lens.signed_radius(DEPTHS), lens.signed_coc(DEPTHS) / 0.15)
+
+
+def test_coc_is_affine_in_disparity_through_infinity():
+    disparity = torch.linspace(0, 1 / 200, 11, dtype=torch.float64)
+    coc = camera().signed_coc(1 / disparity)
+    assert coc.isfinite().all()
+    assert coc.diff(n=2).abs().max() < ROUNDING[torch.float64]
+
+
+def test_infinite_focus_is_the_limit_of_far_focus():
+    torch.testing.assert_close(camera(math.inf).signed_coc(DEPTHS), camera(1e12).signed_coc(DEPTHS))
+    assert float(camera(-math.inf).signed_radius(math.inf)) == 0
+    assert float(camera(math.inf).signed_coc(5000.0)) == pytest.approx(-(50.0**2) / 1.4 / 5000)
+
+
+@pytest.mark.parametrize("foc_dist", [-750.0, 750.0, torch.tensor(750.0), math.inf])
+def test_focus_is_stored_as_minus_the_distance(foc_dist):
+    assert float(camera(foc_dist).foc_dist) == -abs(float(foc_dist))
+
+
+def test_a_focus_in_a_tensor_is_followed_through_gradient_steps():
+    focus = parameter(2000.0)
+    lens = camera(focus)
+    for expected in (-2000.0, -2100.0):
+        assert float(lens.foc_dist.detach()) == expected
+        lens.signed_radius(3000.0).backward()
+        focus.data += 100
+    lens.foc_dist = 800.0
+    assert lens.foc_dist == -800.0
+
+
+def test_focus_is_at_twenty_metres_until_it_is_set():
+    assert DefocusLens(50, 1.4).foc_dist == -20000.0
+
+
+@pytest.mark.parametrize("coc", [0.03, 0.1])
+def test_focused_at_the_hyperfocal_distance_infinity_is_just_sharp(coc):
+    far_point = camera().hyperfocal(coc)
+    lens = camera(far_point)
+    assert float(lens.coc(math.inf)) == pytest.approx(coc)
+    near, _ = lens.dof_limits(far_point, coc)
+    assert float(near) == pytest.approx(float(far_point) / 2)
+    assert float(lens.dof_limits(far_point * 1.0001, coc)[1]) == math.inf
+    assert math.isfinite(lens.dof_limits(far_point * 0.9999, coc)[1])
+
+
+@pytest.mark.parametrize("focus", [100.0, 2000.0, -2000.0, 20000.0])
+def test_at_the_limits_of_the_depth_of_field_the_coc_is_the_acceptable_one(focus):
+    lens = camera(focus)
+    near, far = lens.dof_limits(focus, 0.03)
+    assert float(lens.signed_coc(near)) == pytest.approx(-0.03)
+    assert float(lens.signed_coc(far)) == pytest.approx(0.03)
+    assert float(lens.dof(focus, 0.03)) == pytest.approx(float(far - near))
+
+
+@pytest.mark.parametrize("depth", [-1500.0, -2500.0])
+def test_dof_by_default_takes_the_points_own_coc_as_the_seed_does(depth):
+    lens = camera()
+    coc, m = float(lens.coc(depth)), 50.0 / (abs(depth) - 50.0)
+    textbook = 2 * 1.4 * coc * (m + 1) / (m**2 - (1.4 * coc / 50.0) ** 2)
+    assert float(lens.dof(depth)) == pytest.approx(textbook)
+    assert float(lens.dof(-2000.0)) == 0
+
+
+def test_limits_on_depth_are_none_unless_asked_for():
+    lens = camera()
+    assert (lens.d_far, lens.d_close) == (-math.inf, 0)
+    lens.d_far, lens.d_close = -20000.0, -200.0
+    torch.testing.assert_close(lens.coc(-1e6), lens.coc(-20000.0))
+    torch.testing.assert_close(lens.coc(100.0), lens.coc(200.0))
+    torch.testing.assert_close(lens.signed_radius(100.0), lens.signed_radius(200.0))
+
+
+def test_gradients_of_the_radius_in_depth_and_every_lens_parameter():
+    depth = DEPTHS[:-1].clone().requires_grad_()
+
+    def radius(depth, foclen, fnum, foc_dist):
+        return camera(foc_dist, foclen=foclen, fnum=fnum).signed_radius(depth)
+
+    inputs = (depth, parameter(50.0), parameter(1.4), parameter(-2000.0))
+    assert torch.autograd.gradcheck(radius, inputs, eps=1e-4, rtol=1e-6)
+
+
+def test_gradients_at_infinity_are_zero_and_not_nan():
+    focus, depth = parameter(math.inf), parameter(math.inf)
+    camera(focus).signed_radius(depth).backward()
+    assert focus.grad == 0
+    assert depth.grad == 0
+
+
+@pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
+def test_gradients_of_psf_and_depth_of_field_reach_the_lens(psf_type):
+    inputs = (parameter(-1700.0), parameter(50.0), parameter(1.4), parameter(-2000.0))
+
+    def outputs(z, foclen, fnum, foc_dist):
+        lens = camera(foc_dist, foclen=foclen, fnum=fnum)
+        points = torch.stack([z * 0, z * 0, z])
+        left, right = lens.psf_dp(points, 7, psf_type)
+        return lens.psf(points, 8, psf_type), left, right, lens.dof(z, 0.03), lens.hyperfocal(0.03)
+
+    assert torch.autograd.gradcheck(outputs, inputs, eps=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_results_follow_the_dtype_of_the_depth(dtype):
+    lens = camera(foclen=torch.tensor(50.0))
+    z = DEPTHS.to(dtype)
+    assert lens.signed_radius(z).dtype == lens.coc(z).dtype == lens.dof(z, 0.03).dtype == dtype
+    points = torch.tensor([[0, 0, -2500.0]], dtype=dtype)
+    assert lens.psf(points).dtype == dtype
+    assert float(lens.psf(points).sum()) == pytest.approx(1, abs=SUM[dtype])
+
+
+def test_half_precision_depth_is_widened_before_the_law():
+    radius = camera(dtype=torch.float32).signed_radius(DEPTHS[:-2].half())
+    assert radius.dtype == torch.float32
+    torch.testing.assert_close(radius, camera().signed_radius(DEPTHS[:-2].half().double()).float())
+
+
+def test_floats_and_tensors_describe_the_same_lens():
+    floats, tensors = camera(), camera(torch.tensor(2000.0), foclen=torch.tensor(50))
+    torch.testing.assert_close(floats.signed_radius(DEPTHS), tensors.signed_radius(DEPTHS))
+
+
+def test_psf_is_the_same_alone_in_a_batch_in_rgb_and_in_a_map():
+    lens = camera()
+    points = torch.tensor([[0, 0, -1500.0], [0.5, -1, -2500.0]], dtype=torch.float64)
+    batch = lens.psf(points, 31)
+    torch.testing.assert_close(batch[1], lens.psf(points[1], 31))
+    torch.testing.assert_close(batch, lens.psf(points.abs(), 31))
+    rgb, grid = lens.psf_rgb(points, 31), lens.psf_map((2, 3), 31, depth=-2500.0)
+    assert (rgb.shape, grid.shape) == ((2, 3, 31, 31), (2, 3, 1, 31, 31))
+    torch.testing.assert_close(rgb, batch[:, None].expand_as(rgb))
+    torch.testing.assert_close(grid, batch[1].expand_as(grid))
+
+
+def test_dual_pixel_psf_is_the_same_alone_in_a_batch_in_rgb_and_in_a_map():
+    lens = camera()
+    points = torch.tensor([[0, 0, -1500.0], [0, 0, -2500.0]], dtype=torch.float64)
+    pair = lens.psf_dp(points, 32, "pillbox")
+    maps = lens.psf_map_dp((2, 3), 32, depth=-2500.0, psf_type="pillbox")
+    for half, rgb, grid in zip(pair, lens.psf_rgb_dp(points, 32, "pillbox"), maps, strict=True):
+        assert (rgb.shape, grid.shape) == ((2, 3, 32, 32), (2, 3, 1, 32, 32))
+        torch.testing.assert_close(rgb, half[:, None].expand_as(rgb))
+        torch.testing.assert_close(grid, half[1].expand_as(grid))
+
+
+def test_psf_map_without_a_depth_shows_the_object_depth():
+    lens = camera()
+    torch.testing.assert_close(lens.psf_map(), lens.psf_map(depth=-20000.0))
+
+
+def test_psf_fills_a_disc_of_the_signed_radius():
+    lens = camera()
+    radius = float(lens.signed_radius(4000.0))
+    psf = lens.psf(torch.tensor([0, 0, -4000.0], dtype=torch.float64), 31, "pillbox")
+    assert float(psf[15, 15]) == pytest.approx(1 / (math.pi * radius**2))
+
+
+def test_left_psf_lies_left_beyond_focus_and_right_nearer_8_r_over_3_pi_apart():
+    lens = camera()
+    points = torch.tensor([[0, 0, -900.0], [0, 0, -4000.0]], dtype=torch.float64)
+    columns = torch.arange(63, dtype=torch.float64)
+    left, right = ((psf.sum(-2) * columns).sum(-1) for psf in lens.psf_dp(points, 63, "pillbox"))
+    expected = 8 * lens.signed_radius(points[:, 2].abs()) / (3 * math.pi)
+    torch.testing.assert_close(right - left, expected, atol=0, rtol=0.015)  # cut pixels
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda: DefocusLens(0, 1.4), "foclen must be positive and finite, got 0"),
+        (lambda: DefocusLens(50, math.nan), "fnum must be positive"),
+        (lambda: DefocusLens(50, 1.4, (36, 24), (100, 0)), "vertical sensor_res must be positive"),
+        (lambda: DefocusLens(50, 1.4, (36, 24), (960, 540)), "0.0375 mm across and 0.0444"),
+        (lambda: DefocusLens(50, 1.4, dtype=torch.int32), "floating point"),
+        (lambda: camera(50.0), "farther than foclen=50 mm, got 50 mm"),
+        (lambda: camera().coc(torch.tensor([1.0, math.nan])), "other than 0, got nan in 1 of 2"),
+        (lambda: camera().signed_coc(0), "got 0"),
+        (lambda: camera().hyperfocal(0.0), "coc must be positive"),
+        (lambda: camera().dof(1000.0, -0.03), "coc must be a diameter in mm"),
+        (lambda: camera().dof(20.0, 0.03), "farther than foclen"),
+        (lambda: camera().psf(torch.zeros(2, 2)), r"points must be \[N, 3\]"),
+        (lambda: camera().psf(torch.ones(3), psf_type="airy"), "psf_type must be one of"),
+    ],
+)
+def test_wrong_arguments_are_named_with_what_was_got(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        wrong()
+
+
+def test_a_lens_zoomed_past_its_focus_says_so_instead_of_turning_its_signs():
+    lens = camera(60.0)
+    lens.foclen = 85.0
+    with pytest.raises(ValueError, match="foc_dist must be farther than foclen=85"):
+        lens.signed_radius(1000.0)
+
+
+@pytest.mark.parametrize(
+    ("image", "depth", "said"),
+    [
+        ((2, 3, 20, 30), (2, 1, 19, 30), r"depth must be .* got \[2, 1, 19, 30\]"),
+        ((2, 3, 20, 30), (1, 1, 20, 30), r"B=2, H=20, W=30, got \[1, 1, 20, 30\]"),
+        ((2, 3, 20, 30), (20, 30), r"depth must be .* got \[20, 30\]"),
+        ((3, 20, 30), (20, 30), r"the image must be .* \[3, 20, 30\]; one image is image\[None\]"),
+        ((1, 3, 271, 30), (1, 271, 30), r"within sensor_res=\(480, 270\)"),
+    ],
+)
+def test_images_and_depth_maps_that_do_not_belong_together_are_refused(image, depth, said):
+    for method in (camera().render_rgbd, camera().render_rgbd_dp):
+        with pytest.raises(ValueError, match=said):
+            method(torch.zeros(image), torch.full(depth, 2500.0))

@@ -1,0 +1,232 @@
+"""The ray tracer obeys closed forms, and the committed pictures are those of the scenes."""
+
+import json
+import math
+from pathlib import Path
+
+import demo
+import numpy as np
+import OpenEXR
+import pytest
+import torch
+from make import rounded, second_layer
+from reference import forward_splat, lens_points, one_plane
+from surfaces import Array, Light, Plane, Scene, Sphere, Surface
+from textures import plain
+from tracer import (
+    PINHOLE,
+    Camera,
+    Lens,
+    disc,
+    light_picture,
+    photograph,
+    rays,
+    sobol,
+    thin_lens,
+    view,
+)
+from worlds import WORLDS
+
+ROOT = Path(demo.__file__).parent
+SMALL = Camera(width=64, height=40)
+WHITE = plain((1.0, 1.0, 1.0))
+HALF_ROUNDING = 2.0**-8  # pictures keep eight significant bits
+
+
+def waves(u: Array, v: Array) -> Array:
+    """Waves that a plane at 3 m shows with a period of 24 px."""
+    k = 2 * math.pi * SMALL.focal_px / (3.0 * 24)
+    channels = [np.sin(k * u), np.sin(k * v + 1), np.sin(k * (u + v))]
+    return 0.5 + 0.4 * np.stack(channels, -1)
+
+
+def channels(path: Path) -> dict[str, Array]:
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: channel.pixels for name, channel in file.channels().items()}
+
+
+def tensor(picture: Array) -> torch.Tensor:
+    return torch.from_numpy(np.moveaxis(picture, -1, 0).copy())
+
+
+@pytest.mark.parametrize("z", [0.7, 2.0, 30.0])
+def test_a_point_seen_at_q_is_seen_through_u_at_q_plus_r_u(z: float) -> None:
+    lens, q, u = Lens(2.0, 12.0), (20.3, 11.8), (0.6, -0.5)
+    r = lens.signed_radius(z)
+    straight = rays(SMALL, PINHOLE, np.array(q[0]), np.array(q[1]), 0.0, 0.0)
+    oblique = rays(SMALL, lens, np.array(q[0] + r * u[0]), np.array(q[1] + r * u[1]), *u)
+    assert oblique.ox + z * oblique.dx == pytest.approx(z * straight.dx)
+    assert oblique.oy + z * oblique.dy == pytest.approx(z * straight.dy)
+
+
+def test_the_radius_is_the_textbook_one() -> None:
+    lens, z, s, f, N = thin_lens(Camera(), 1.4, 2.0), 5.0, 2.0, 0.05, 1.4
+    diameter = f * f / (N * (s - f)) * abs(z - s) / z
+    assert lens.signed_radius(z) == pytest.approx(diameter / 2 / (0.036 / 480))
+    assert lens.signed_radius(1.0) < 0 == lens.signed_radius(2.0)
+    assert lens.signed_radius(math.inf) == lens.radius_at_infinity
+
+
+def test_sobol_points_fill_the_disc_and_its_halves_evenly() -> None:
+    points = sobol(4, 1024, seed=3)
+    x, y = disc(points[:, 0], points[:, 1])
+    assert (x < 0).sum() == (points[:, 0] < 0.5).sum() == 512
+    assert np.mean(x * x + y * y) == pytest.approx(0.5, rel=1e-2)
+    assert np.mean(np.hypot(x, y) <= 0.5) == pytest.approx(0.25, abs=1e-2)
+
+
+def test_a_white_world_is_white() -> None:
+    surfaces: list[Surface] = [
+        Plane((0, 0, 2.0), WHITE, half=(0.1, 0.05)),
+        Plane((0, 0.1, 0), WHITE, down=(0.0, 0.0, 1.0)),
+        Sphere((0.1, 0.0, 1.1), 0.06, lambda x, y, z: WHITE(x, y)),
+    ]
+    scene = Scene(surfaces, sky=WHITE)
+    pair = photograph(scene, SMALL, Lens(1.5, 9.0), samples=16, seed=1)
+    assert np.abs(np.array(pair) - 1).max() < 1e-12
+
+
+@pytest.mark.parametrize("r", [-4.0, 6.0])
+def test_a_plane_that_faces_the_lens_is_one_convolution(r: float) -> None:
+    scene = Scene([Plane((0, 0, 3.0), waves)])
+    lens = Lens(2.0, 3 * r) if r > 0 else Lens(4.0, -3 * r)
+    assert lens.signed_radius(3.0) == pytest.approx(r)
+    sharp = photograph(scene, SMALL, PINHOLE, samples=256, seed=1).full
+    blurred = photograph(scene, SMALL, lens, samples=1024, seed=1).full
+    error = tensor(blurred) - one_plane(tensor(sharp), r)
+    assert error[:, 7:-7, 7:-7].abs().max() < 4e-3  # waves of amplitude 0.4, 1024 lens points
+
+
+def test_a_slanted_plane_is_what_splatting_makes_of_its_picture() -> None:
+    c, s = math.cos(0.6), math.sin(0.6)
+    scene = Scene([Plane((0, 0, 3.0), waves, right=(c, 0.0, s))])
+    lens = Lens(3.0, 20.0)
+    sharp = photograph(scene, SMALL, PINHOLE, samples=256, seed=1).full
+    radius = torch.from_numpy(lens.signed_radius(view(scene, SMALL, PINHOLE).depth))
+    blurred = photograph(scene, SMALL, lens, samples=1024, seed=1).full
+    border = math.ceil(float(radius.abs().max()))
+    assert 4 < border < 10
+    error = tensor(blurred) - forward_splat(tensor(sharp), radius, lens_points(24))
+    inside = error[:, border:-border, border:-border]
+    assert 10 * math.log10(1 / float((inside**2).mean())) > 45
+
+
+def lamp(r: float, blocked: bool = False) -> tuple[Array, float]:
+    """Left and right picture of a lamp with CoC radius r, and its energy over the picture."""
+    lens = Lens(2.0, 20.0)
+    z = 2.0 / (1 - r / 20.0)
+    size, emission = 0.7, (100.0, 50.0, 10.0)
+    light = Light((0.5 / SMALL.focal_px * z, 0.0, z), size * z / SMALL.focal_px, emission)
+    edge = Plane((1.0, 0.0, 1.0), plain((0.0, 0.0, 0.0)), half=(1.0, 1.0))
+    scene = Scene([edge] if blocked else [], lights=[light])
+    return light_picture(scene, light, SMALL, lens, 256, seed=2), 100.0 * math.pi * size**2
+
+
+@pytest.mark.parametrize("r", [-8.0, 8.0])
+def test_a_small_light_keeps_its_energy_in_a_disc_of_area_pi_r_squared(r: float) -> None:
+    picture, energy = lamp(r)
+    full = picture.mean(0)[..., 0]
+    assert full.sum() == pytest.approx(energy, rel=2e-3)
+    assert full.max() == pytest.approx(energy / (math.pi * r * r), rel=1e-6)
+    assert full.sum() / full.max() == pytest.approx(math.pi * r * r, rel=2e-3)
+
+
+@pytest.mark.parametrize("r", [-8.0, 8.0])
+def test_the_halves_of_a_light_lie_four_thirds_of_r_over_pi_beside_it(r: float) -> None:
+    picture, _ = lamp(r)
+    columns = np.arange(SMALL.width) + 0.5 - (SMALL.width / 2 + 0.5)
+    for half, sign in zip(picture[..., 0], (-1, 1), strict=True):
+        middle = (half.sum(0) * columns).sum() / half.sum()
+        assert middle == pytest.approx(sign * 4 * r / (3 * math.pi), rel=5e-3)
+
+
+def test_an_edge_on_the_axis_takes_one_half_of_the_disc_and_leaves_the_other() -> None:
+    (left, _), _ = lamp(8.0)
+    (clipped, dark), energy = lamp(8.0, blocked=True)
+    level = 2 * energy / (math.pi * 64)
+    # the lamp is half a pixel beside the axis, so the edge is half a pixel off the middle
+    assert np.abs(clipped - left)[:, : SMALL.width // 2 - 1].max() < 1e-12
+    assert np.abs(clipped - left).sum() < 0.05 * left.sum()
+    assert left[..., 0].max() == pytest.approx(level)
+    assert dark.sum() < 0.05 * left.sum()
+
+
+def test_the_near_side_of_a_sphere_is_what_is_seen() -> None:
+    ball = Sphere((0.0, 0.0, 2.0), 0.5, lambda x, y, z: np.stack([x, y, z], -1))
+    ray = rays(SMALL, PINHOLE, np.array(32.0), np.array(20.0), 0.0, 0.0)
+    assert float(ball.hit(ray)) == pytest.approx(1.5)
+    assert ball.radiance(np.array(0.0), np.array(0.0), np.array(1.5)) == pytest.approx([0, 0, -1])
+
+
+def test_the_second_layer_is_what_a_card_hides() -> None:
+    card = Plane((0, 0, 1.0), WHITE, half=(0.1, 0.1))
+    wall = Plane((0, 0, 3.0), plain((0.2, 0.4, 0.6)))
+    rgb, depth = second_layer(Scene([card, wall]), SMALL, 4)
+    hidden = view(Scene([card]), SMALL, PINHOLE).seen
+    assert np.all(np.where(hidden, 3.0, math.inf) == depth)
+    assert rgb[hidden] == pytest.approx(np.array([[0.2, 0.4, 0.6]] * hidden.sum()))
+    assert np.all(rgb[~hidden] == 0)
+
+
+def test_rounding_keeps_eight_bits_and_infinity() -> None:
+    values = np.array([0.0, 1.0, 0.7123, 2000.0, math.inf])
+    assert np.abs(rounded(values, 8)[1:4] / values[1:4] - 1).max() < 2.0**-8
+    assert rounded(values, 8)[[0, 1, 4]].tolist() == [0.0, 1.0, math.inf]
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_committed_depth_is_that_of_the_scene(name: str) -> None:
+    world, details = WORLDS[name](), json.loads((ROOT / name / "camera.json").read_text())
+    depth = channels(ROOT / name / "depth.exr")["Z"]
+    expected = view(world.scene, world.camera, PINHOLE).depth
+    assert depth.dtype == np.float32
+    assert np.array_equal(np.isinf(depth), np.isinf(expected))
+    known = np.isfinite(depth)
+    assert np.abs(depth[known] / expected[known] - 1).max() < 2.0**-15
+    shot = details["shots"][0]
+    lens = thin_lens(world.camera, shot["fnumber"], shot["focus_distance_m"])
+    assert np.abs(lens.signed_radius(expected)).max() == pytest.approx(
+        shot["max_coc_radius_px"], abs=1e-3
+    )
+    assert 8 <= shot["max_coc_radius_px"] <= 16
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_committed_truth_is_the_mean_of_its_halves(name: str) -> None:
+    shot = json.loads((ROOT / name / "camera.json").read_text())["shots"][0]["name"]
+    full, one, other = (
+        demo.read_rgb(ROOT / name / f"truth_{shot}{k}.exr") for k in ("", "_left", "_right")
+    )
+    assert np.all(np.abs((one + other) / 2 - full) <= 2 * HALF_ROUNDING * np.maximum(one, other))
+    sharp = demo.read_rgb(ROOT / name / "rgb.exr")
+    assert sharp.shape == (270, 480, 3)
+    assert demo.psnr(sharp, full, 16) < 35  # it is out of focus
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_committed_pinhole_picture_is_that_of_the_scene(name: str) -> None:
+    world = WORLDS[name]()
+    few = photograph(world.scene, world.camera, PINHOLE, samples=4, seed=9, light_samples=256).full
+    assert demo.psnr(few, demo.read_rgb(ROOT / name / "rgb.exr"), 0) > 24
+
+
+def test_committed_second_layer_is_deeper_than_the_first() -> None:
+    first = channels(ROOT / "layered" / "depth.exr")["Z"]
+    second = channels(ROOT / "layered" / "layer1_depth.exr")["Z"]
+    hidden = np.isfinite(second)
+    assert np.all(second[hidden] > first[hidden])
+    assert np.all(demo.read_rgb(ROOT / "layered" / "layer1_rgb.exr")[~hidden] == 0)
+    assert np.all(hidden == (first < first.max()))  # behind the wall there is nothing
+
+
+def test_committed_files_stay_small() -> None:
+    files = [file for name in WORLDS for file in (ROOT / name).iterdir()]
+    assert sum(file.stat().st_size for file in files) < 6_000_000
+
+
+def test_psnr_leaves_the_border_out_and_clips() -> None:
+    truth = np.full((10, 10, 3), 5.0)
+    picture = np.ones((10, 10, 3))
+    picture[:2] = 0.0
+    assert demo.psnr(picture, truth, 2) == pytest.approx(100.0)
+    assert demo.psnr(0 * truth, truth, 0) == pytest.approx(0.0)
