@@ -8,7 +8,6 @@ import torch
 from measures import centroid, worst
 from reference import both, kernel, left, polygon, right, whole
 from scenes import RADII, Scene, blurred_card, pattern, slanted_waves
-from tolerances import RENDERED
 from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
