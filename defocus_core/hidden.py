@@ -24,6 +24,8 @@ _EDGE = 1.0
 _DECAY = 0.70710678
 # How much farther, in px of radius, than the surface in front of it hidden content must be.
 _STEP = 0.5
+# How far beyond a range of near radii, at most, the radii begin that are farther than all of it.
+_MARGIN = 1.0
 
 
 class HiddenLayer(NamedTuple):
@@ -58,7 +60,7 @@ def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> Hidd
     bands = []
     for low, high in _bands(near):
         here = (near >= low) & (near < high)
-        beyond = _between_surfaces(near[here], far[here], high + _STEP)
+        beyond = _between_surfaces(near[here], far[here], high + _MARGIN)
         if bool((r > beyond).any()):
             bands.append((here, beyond))
 
@@ -118,13 +120,13 @@ def _between_surfaces(near: Tensor, far: Tensor, at_most: float) -> float:
 
 
 def _bands(r: Tensor) -> list[tuple[float, float]]:
-    """Ranges of radius that share one notion of what is farther: 1.5 px or 0.4 r wide."""
+    """Ranges of radius that share one notion of what is farther: 3 px or half of r wide."""
     if not r.numel():
         return []
     least, most = float(r.min()), float(r.max())
     side = [0.0]
     while side[-1] <= max(abs(least), abs(most)):
-        side.append(side[-1] + max(1.5, 0.4 * side[-1]))
+        side.append(side[-1] + max(3.0, 0.5 * side[-1]))
     ladder = [-x for x in reversed(side[1:])] + side
     counts = torch.histogram(r.flatten().double().cpu(), torch.tensor(ladder).double()).hist
     return [pair for pair, count in zip(pairwise(ladder), counts.tolist(), strict=True) if count]
