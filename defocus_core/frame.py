@@ -6,7 +6,7 @@ Hidden slices fill only what is left, so they are summed while still transformed
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
@@ -125,6 +125,8 @@ class _Frame:
         self.side = (min(TILE, H), min(TILE, W))
         self.layers = layers(self.radii, quality)
         self.windows = self._windows(aperture, pixels)
+        spans = list(dict.fromkeys(map(id, self.windows.values())))
+        self.spans = [spans.index(id(self.windows[k])) for k in range(len(self.radii))]
         self.margin = max(w.margin for w in self.windows.values())
         pixels, highlights = split(pixels, signed_radius)
         hidden = hidden_layer(pixels, signed_radius, threads)
@@ -172,10 +174,11 @@ class _Frame:
         box = self.grid[index]
         shape = (len(self.parts), len(self.visible.pixels), box.height, box.width)
         seen = self.visible.pixels.new_zeros(shape)
-        for _, group in groupby(self.visible.plan[index], key=lambda k: self.layers[k]):
-            seen = add_behind(seen, self._blurred(self.visible, list(group), box))
-        if behind := self._behind(index):
-            seen = add_behind(seen, torch.stack(behind).sum(0))
+        layers = self._blurred(self.visible, index, self.layers)
+        for number in sorted(layers):
+            seen = add_behind(seen, layers[number])
+        if behind := self._blurred(self.hidden, index, self.spans):
+            seen = add_behind(seen, torch.stack(list(behind.values())).sum(0))
         if self.highlights is not None:
             rows = slice(box.top, box.top + box.height)
             columns = slice(box.left, box.left + box.width)
@@ -188,28 +191,38 @@ class _Frame:
         pair = pair_of(centre, left, right, signed=self.signed)
         return torch.cat([centre[None], pair])
 
-    def _behind(self, index: int) -> list[Tensor]:
-        """The hidden slices over a tile, summed by window: [M, C + 1, h, w] each."""
-        plan = self.hidden.plan[index]
-        return [
-            self._blurred(self.hidden, list(group), self.grid[index])
-            for _, group in groupby(plan, key=lambda k: id(self.windows[k]))
-        ]
+    def _blurred(self, surface: _Surface, index: int, layer_of: list[int]) -> dict[int, Tensor]:
+        """The layers of a surface over a tile, by number: sums of blurred slices.
 
-    def _blurred(self, surface: _Surface, slices: list[int], box: Tile) -> Tensor:
-        """The sum of slices that share a window, each blurred, over a tile: [M, C + 1, h, w]."""
-        window = self.windows[slices[0]]
-        pixels = self._members(surface, box, window, slices)
-        if window.margin == 0:
-            inside = pixels[..., : box.height, : box.width].sum(0)
-            return inside.expand(len(self.parts), -1, -1, -1)
-        total: Tensor | None = None
-        for k, spectrum in zip(slices, torch.fft.rfft2(pixels), strict=True):
-            kernels = window.spectra[k]
-            total = spectrum * kernels if total is None else total.addcmul_(spectrum, kernels)
-        assert total is not None
-        wanted = (window.margin, window.margin, box.height, box.width)
-        return crop_inverse(total, window.size, wanted)
+        Args:
+            surface: Visible or hidden.
+            index: Of the tile.
+            layer_of: For each slice the number of its layer. The slices of a layer share a window.
+
+        Returns:
+            [M, C + 1, h, w] each.
+        """
+        box = self.grid[index]
+        by_window: dict[int, list[int]] = {}
+        for k in surface.plan[index]:
+            by_window.setdefault(id(self.windows[k]), []).append(k)
+        layers: dict[int, Tensor] = {}
+        for slices in by_window.values():
+            window = self.windows[slices[0]]
+            pixels = self._members(surface, box, window, slices)
+            numbers = [layer_of[k] for k in slices]
+            if window.margin == 0:
+                inside = pixels[..., : box.height, : box.width]
+                for number, layer in _sums(numbers, inside):
+                    layers[number] = layer.expand(len(self.parts), -1, -1, -1)
+                continue
+            spectra = torch.fft.rfft2(pixels)
+            kernels = [window.spectra[k] for k in slices]
+            names, totals = zip(*_sums(numbers, spectra, kernels), strict=True)
+            wanted = (window.margin, window.margin, box.height, box.width)
+            blurred = crop_inverse(torch.stack(totals), window.size, wanted)
+            layers.update(zip(names, blurred.unbind(), strict=True))
+        return layers
 
     def _members(self, surface: _Surface, box: Tile, window: _Window, slices: list[int]) -> Tensor:
         """The pixels of slices within a window, [k, C + 1, height, width]."""
@@ -232,6 +245,24 @@ class _Frame:
             "slice_tiles_blurred": blurred,
             "tiles_with_hidden": sum(1 for plan in self.hidden.plan if plan),
         }
+
+
+def _sums(
+    numbers: list[int], slices: Tensor, factors: list[Tensor] | None = None
+) -> Iterator[tuple[int, Tensor]]:
+    """Slices of the same number, adjacent to each other, each times its factor, summed."""
+    places = range(len(numbers))
+    for number, group in groupby(places, key=lambda i: numbers[i]):
+        first, *others = group
+        if factors is None:
+            total = slices[first]
+            for i in others:
+                total = total + slices[i]
+        else:
+            total = slices[first] * factors[first]
+            for i in others:
+                total = total.addcmul_(slices[i], factors[i])
+        yield number, total
 
 
 def _slice_radii(

@@ -3,8 +3,7 @@
 Neighbouring pixels whose radii differ by more than one px hold a depth edge: with |∇r| < 1 the map
 from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.
 From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
-is continued by the colour and radius of what lies farther, near by first (a push-pull pyramid
-after Gortler et al. 1996, with supports that mirror with the frame).
+is continued by the colour and radius of what lies farther, near by first.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import adaptive_avg_pool2d, interpolate
 
+from defocus_core.continuation import continued, pooled, quartered
 from defocus_core.threads import threaded
 
 # Edges of radius, in px per pixel, above which one surface hides another.
@@ -64,9 +63,12 @@ def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> Hidd
         if bool((r > beyond).any()):
             bands.append((here, beyond))
 
+    quarters = quartered(values)
+    radii = [torch.where(q[-1] > 0, q[-2] / q[-1], -torch.inf).detach() for q in quarters]
+
     def behind(band: tuple[Tensor, float]) -> Tensor:
         here, beyond = band
-        return continued(values * (r > beyond).to(values.dtype), at[here])
+        return continued(pooled(quarters, [x > beyond for x in radii]), at[here], r.shape)
 
     for (here, _), values_there in zip(bands, threaded(behind, bands, threads), strict=True):
         found = found.index_put((here,), values_there)
@@ -130,59 +132,3 @@ def _bands(r: Tensor) -> list[tuple[float, float]]:
     ladder = [-x for x in reversed(side[1:])] + side
     counts = torch.histogram(r.flatten().double().cpu(), torch.tensor(ladder).double()).hist
     return [pair for pair, count in zip(pairwise(ladder), counts.tolist(), strict=True) if count]
-
-
-def continued(weighted: Tensor, at: Tensor) -> Tensor:
-    """A smooth continuation of values to pixels that have none.
-
-    Args:
-        weighted: [K + 1, H, W], values times weight, the last channel weight: 0 or 1.
-        at: [n, 2] rows and columns of pixels of weight 0.
-
-    Returns:
-        [n, K].
-    """
-    size = (weighted.shape[-2], weighted.shape[-1])
-    levels = []
-    while max(weighted.shape[-2:]) > 1:
-        pooled = _pooled(_pooled(weighted, -1), -2)
-        weighted = pooled / pooled[-1:].clamp(min=1)
-        levels.append(weighted)
-    weight = levels[-1][-1:]
-    found = levels.pop()[:-1] / torch.where(weight > 0, weight, 1.0)
-    for level in reversed(levels):
-        found = interpolate(found[None], size=level.shape[-2:], mode="bilinear")[0]
-        found = level[:-1] + (1 - level[-1:]) * found
-    return _bilinear(found, at, size)
-
-
-def _pooled(values: Tensor, dim: int) -> Tensor:
-    """Sums of two along -1 or -2; an odd length is covered evenly, as seen from both ends."""
-    if values.shape[dim] % 2 == 0:
-        n = values.shape[dim] // 2
-        shape = [n, 2, values.shape[-1]] if dim == -2 else [values.shape[-2], n, 2]
-        first, second = values.reshape(-1, *shape).unbind(dim)
-        return first + second
-    rows, columns = values.shape[-2:]
-    size = ((rows + 1) // 2, columns) if dim == -2 else (rows, (columns + 1) // 2)
-    return 2 * adaptive_avg_pool2d(values, size)
-
-
-def _bilinear(coarse: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
-    """Coarse values [K, h, w] at pixels [n, 2] of a frame of the given size: [n, K]."""
-    (y0, y1, fy), (x0, x1, fx) = (
-        _neighbours(at[:, d], coarse.shape[d + 1], size[d], coarse.dtype) for d in (0, 1)
-    )
-    above = coarse[:, y0, x0] * (1 - fx) + coarse[:, y0, x1] * fx
-    below = coarse[:, y1, x0] * (1 - fx) + coarse[:, y1, x1] * fx
-    return (above * (1 - fy) + below * fy).T
-
-
-def _neighbours(
-    index: Tensor, length: int, full: int, dtype: torch.dtype
-) -> tuple[Tensor, Tensor, Tensor]:
-    """The two coarse samples beside a pixel, and the share of the second."""
-    place = (index.to(dtype) + 0.5) * (length / full) - 0.5
-    first = place.floor().clamp(0, length - 1)
-    share = (place - first).clamp(0, 1)
-    return first.long(), (first.long() + 1).clamp(max=length - 1), share

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture, Part, kernel
+from defocus_core.continuation import continued, next_level
 from defocus_core.convolution import reach
-from defocus_core.hidden import continued
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
@@ -50,7 +50,8 @@ def split(pixels: Tensor, signed_radius: Tensor) -> tuple[Tensor, Highlights | N
     if not len(at):
         return pixels, None
     weight = (~bright).to(pixels.dtype)
-    around = continued(torch.cat([pixels * weight, weight[None]]), at)  # [n, C]
+    ordinary_pixels = torch.cat([pixels * weight, weight[None]])
+    around = continued(next_level(ordinary_pixels), at, bright.shape)  # [n, C]
     rows, columns = at.unbind(-1)
     rest = pixels.clone()
     rest[:, rows, columns] = around.T

@@ -21,7 +21,7 @@ LAYERS = [
     {"frame"},
     {"highlights"},
     {"compositing", "convolution", "hidden", "slicing", "thin_lens", "tiling"},
-    {"aperture", "quality", "threads"},
+    {"aperture", "continuation", "quality", "threads"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}
