@@ -1,0 +1,72 @@
+"""Law 9: the shipped renderer is differentiable in image, depth and lens parameters."""
+
+import pytest
+import torch
+from torch import Tensor
+from torch.autograd import gradcheck
+
+from defocus_core import DefocusLens, render
+
+SIZE = (9, 11)
+PIXEL = 36.0 / 480  # mm
+
+
+def picture(channels: int = 2) -> Tensor:
+    return torch.rand(channels, *SIZE, generator=torch.Generator().manual_seed(5)).double()
+
+
+def slope_with_a_card() -> Tensor:
+    """A slope through focus and a nearer card before it, radii off the rungs of the ladder."""
+    slope = torch.linspace(-2.3, 2.6, SIZE[1]).double() + torch.linspace(0, 0.3, SIZE[0])[:, None]
+    slope[3:6, 4:8] -= 3.1
+    return slope.requires_grad_()
+
+
+@pytest.mark.parametrize("quality", ["standard", "high"])
+def test_gradients_to_the_image_are_exact(quality: str) -> None:
+    radius = slope_with_a_card().detach()
+
+    def pictures(image: Tensor) -> tuple[Tensor, Tensor]:
+        o = render(image, radius, quality=quality, left_right=True)
+        assert o.left is not None
+        return o.render, o.left
+
+    assert gradcheck(pictures, (picture().requires_grad_(),), atol=1e-6)
+
+
+def test_gradients_to_the_radius_are_exact_where_the_order_does_not_change() -> None:
+    image = picture()
+
+    def pictures(radius: Tensor) -> tuple[Tensor, Tensor]:
+        o = render(image, radius, left_right=True)
+        assert o.right is not None
+        return o.render, o.right
+
+    assert gradcheck(pictures, (slope_with_a_card(),), atol=1e-5)
+
+
+def test_gradients_to_depth_and_lens_are_exact() -> None:
+    image = picture()[None]
+    depth = torch.linspace(1800, 2300, SIZE[1]).double().expand(1, 1, *SIZE).clone()
+
+    def defocused(foclen: Tensor, fnum: Tensor, foc_dist: Tensor, z: Tensor) -> Tensor:
+        sensor = (PIXEL * SIZE[1], PIXEL * SIZE[0])
+        lens = DefocusLens(foclen, fnum, sensor, SIZE[::-1], dtype=torch.float64)
+        lens.refocus(foc_dist)
+        return lens.render_rgbd(image, z)
+
+    lens = [torch.tensor(x, dtype=torch.float64).requires_grad_() for x in (50.0, 2.0, 2000.0)]
+    assert gradcheck(defocused, (*lens, depth.requires_grad_()), eps=1e-5, atol=1e-5)
+
+
+def test_a_highlight_passes_its_gradient() -> None:
+    image, radius = torch.full((1, 24, 24), 0.1).double(), torch.full((24, 24), 4.2).double()
+    image[0, 12, 12] = 900.0
+    image.requires_grad_()
+    radius.requires_grad_()
+    render(image, radius).render[0, 12, 12].backward()
+    assert image.grad is not None
+    assert radius.grad is not None
+    assert image.grad[0, 12, 12] == pytest.approx(1 / (torch.pi * 4.2**2), rel=0.02)
+    # brightness in the disc is 900 / π r²: its slope is -2 / r of that
+    assert radius.grad[12, 12] == pytest.approx(-2 / 4.2 * 900 / (torch.pi * 4.2**2), rel=0.1)
