@@ -5,11 +5,13 @@ Exit codes: 2 for a command line that makes no sense, 3 for a file that cannot b
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from typing import IO, TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 
@@ -53,6 +55,12 @@ class InputError(UserError):
 def one_line(text: object) -> str:
     """``text`` with line breaks, tabs and runs of blanks turned into single blanks."""
     return " ".join(str(text).split())
+
+
+def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:
+    """The remedy for a name that is not known: the nearest that is, or else ``otherwise``."""
+    nearest = get_close_matches(word.lower(), known, n=1)
+    return f"did you mean {nearest[0]}?" if nearest else otherwise
 
 
 def reason(error: BaseException) -> str:

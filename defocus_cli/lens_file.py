@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli import quantities
-from defocus_cli.errors import InputError, UsageProblem, reason
+from defocus_cli.errors import InputError, UsageProblem, did_you_mean, reason
 from defocus_cli.job import Lens
 
 PARSERS: dict[str, Callable[[str], Any]] = {
@@ -29,6 +29,7 @@ PARSERS: dict[str, Callable[[str], Any]] = {
     "blades": quantities.blades,
     "blade-rotation": quantities.angle,
 }
+LARGEST_FILE = 2**20  # bytes
 _ALTERNATIVES = (("fnumber", "aperture-diameter"), ("focus", "focus-at"))
 _EXAMPLES = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}
 
@@ -81,13 +82,9 @@ def read_lens_file(file: Path) -> dict[str, Any]:
         UsageProblem: a key is unknown or its value makes no sense.
     """
     try:
-        stored = tomllib.loads(file.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
+        stored = tomllib.loads(_text(file))
+    except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
         raise InputError(file, f"is not TOML: {reason(error)}", "mend that line") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            file, f"cannot be read: {reason(error)}", "give a TOML file to --lens"
-        ) from None
     values = {name: _parsed(name, value, file) for name, value in stored.items()}
     _refuse_both(values, file)
     return values
@@ -104,9 +101,26 @@ def refuse_near_focus(foc_dist: float, foclen: float, source: str) -> None:
         )
 
 
+def _text(file: Path) -> str:
+    remedy = 'give --lens a TOML file, with lines like focal-length = "50mm"'
+    try:
+        with file.open("rb") as opened:
+            data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
+        text = data.decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(file, f"cannot be read: {reason(error)}", remedy) from None
+    except UnicodeDecodeError:
+        raise InputError(file, "is not a text file", remedy) from None
+    if "\0" in text or len(data) > LARGEST_FILE:
+        raise InputError(file, "is not a lens file", remedy)
+    return text
+
+
 def _parsed(name: str, value: object, file: Path) -> Any:
     if name not in PARSERS:
-        raise UsageProblem(file, f"unknown key '{name}'", f"a lens file knows {', '.join(PARSERS)}")
+        known = f"a lens file knows {', '.join(PARSERS)}"
+        remedy = did_you_mean(name.replace("_", "-"), tuple(PARSERS), known)
+        raise UsageProblem(file, f"unknown key '{name}'", remedy)
     text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
     try:
         return PARSERS[name](text)
