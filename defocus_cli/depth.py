@@ -32,6 +32,7 @@ METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}
 WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
 SKY = 1e10
 HALF_SKY = 65504.0
+FORMATS = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 
 @dataclass(frozen=True)
@@ -141,13 +142,12 @@ def _grey(part: Part) -> bool:
 
 
 def _from_raster(path: Path, unit: str | None) -> Depth:
-    raster = read_raster(path)
+    raster = read_raster(path, wanted=FORMATS)
     if raster.samples is None:
         raise InputError(path, "holds deep data", "flatten it first")
     if raster.type == "uint8":
         problem = "has 8 bits, too few for depth and without a metric scale"
-        remedy = "save depth as float EXR, or as 16-bit PNG in millimetres"
-        raise InputError(path, problem, remedy)
+        raise InputError(path, problem, f"save depth as {FORMATS}")
     if len(raster.channels) != 1:
         problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
         raise InputError(path, problem, "save the depth as a single grey channel")

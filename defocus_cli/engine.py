@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,8 +40,12 @@ class Outcome:
     stats: Mapping[str, float] = field(default_factory=dict)
 
 
-def run(job: Job) -> Outcome:
+def run(job: Job, progress: Callable[[int, int], None] | None = None) -> Outcome:
     """Read, render and write one picture.
+
+    Args:
+        job: what to do.
+        progress: called with (tiles done, tiles in all) while it renders.
 
     Raises:
         InputError: an input or output cannot be used.
@@ -64,7 +68,7 @@ def run(job: Job) -> Outcome:
     )
     images: dict[str, Any] = {}
     if set(job.outputs.kinds) & set(IMAGE_KINDS):
-        images, outcome = _render(color, radius, outcome)
+        images, outcome = _render(color, radius, outcome, progress)
     return dataclasses.replace(outcome, warnings=deliver(color, radius, images, outcome))
 
 
@@ -158,7 +162,10 @@ def _read(job: Job) -> tuple[Color, Depth]:
 
 
 def _render(
-    color: Color, radius: NDArray[np.float32], outcome: Outcome
+    color: Color,
+    radius: NDArray[np.float32],
+    outcome: Outcome,
+    progress: Callable[[int, int], None] | None,
 ) -> tuple[dict[str, Any], Outcome]:
     """The images asked for, each [H, W, C], and the outcome with what they cost."""
     import torch
@@ -180,6 +187,7 @@ def _render(
             quality=job.machine.quality,
             left_right=bool({"left", "right"} & set(job.outputs.kinds)),
             threads=job.machine.threads,
+            progress=progress,
         )
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"

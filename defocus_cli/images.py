@@ -127,7 +127,8 @@ def describe(path: Path) -> FileInfo:
         values = read_float_map(path).values
         floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
         return FileInfo(path, values.shape[1], values.shape[0], (floats,))
-    raster = read_raster(path, pixels=False)
+    known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
+    raster = read_raster(path, pixels=False, wanted=known)
     flat = PartInfo(0, "", tuple((name, raster.type) for name in raster.channels), raster.deep)
     return FileInfo(path, raster.width, raster.height, (flat,))
 

@@ -39,6 +39,14 @@ class DepthFound:
 
 
 @dataclass(frozen=True)
+class MapFound:
+    """A map in px that ``defocus render`` wrote."""
+
+    kind: str  # coc or disparity
+    range_px: tuple[float, float] | None  # None where no pixel is finite
+
+
+@dataclass(frozen=True)
 class Inspection:
     """What is in a file; where colour or depth is missing, the note says why."""
 
@@ -47,6 +55,7 @@ class Inspection:
     color_note: str
     depth: DepthFound | None
     depth_note: str
+    maps: tuple[MapFound, ...] = ()
 
 
 def inspect(path: Path, reading: Reading, lens: Lens | None) -> Inspection:
@@ -69,7 +78,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None) -> Inspection:
     if not depth_note:
         channel, unit = reading.depth_channel, reading.depth_unit
         depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)
-    return Inspection(info, color, color_note, depth, depth_note)
+    return Inspection(info, color, color_note, depth, depth_note, _maps(info))
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
@@ -112,6 +121,23 @@ def _why_no_depth(info: FileInfo, reading: Reading) -> str:
     if len(channels) != 1:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
+
+
+def _maps(info: FileInfo) -> tuple[MapFound, ...]:
+    import numpy as np
+
+    from defocus_cli.exr import read_parts
+    from defocus_cli.layers import MAPS
+
+    if not any(name in MAPS for part in info.parts for name, _ in part.channels):
+        return ()
+    found = []
+    for part in read_parts(info.path):
+        for kind in [name for name in MAPS if name in part.channels]:
+            finite = part.channels[kind][np.isfinite(part.channels[kind])]
+            reach = (float(finite.min()), float(finite.max())) if finite.size else None
+            found.append(MapFound(kind, reach))
+    return tuple(found)
 
 
 def _clause(error: InputError) -> str:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from defocus_cli.exr_header import Header
 
-_NOT_DEPTH = ("coc", "disparity")  # maps in px, which `defocus render` itself writes so
+MAPS = ("coc", "disparity")  # in px, which `defocus render` itself writes so: no depth
 _FLATTEN = "flatten it first, for example with oiiotool --flatten"
 
 
@@ -91,7 +91,7 @@ def choose_depth(
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
-    if not candidates and len(every) == 1 and every[0].name not in _NOT_DEPTH:
+    if not candidates and len(every) == 1 and every[0].name not in MAPS:
         candidates = every
     if len(candidates) > 1:
         # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".

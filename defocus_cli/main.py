@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import click
 
-from defocus_cli.errors import UserError, one_line, reason
-from defocus_cli.options import option_name
+from defocus_cli.errors import UsageProblem, UserError, did_you_mean, one_line, reason
+from defocus_cli.option_types import option_name
 from defocus_cli.report import version
 
 COMMANDS = ("render", "info")
@@ -34,6 +34,15 @@ class LazyGroup(click.Group):
         module = importlib.import_module(f"defocus_cli.commands.{cmd_name}")
         command: click.Command = module.command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that ``args`` start with, and what is left of them."""
+        if args[0] not in COMMANDS:
+            remedy = did_you_mean(args[0], COMMANDS, "see 'defocus --help'")
+            raise UsageProblem(args[0], "no such command", remedy)
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the command asked for; click would answer Ctrl-C with an empty line first."""

@@ -13,55 +13,15 @@ from typing import Any
 
 import click
 
-from defocus_cli import quantities
-from defocus_cli.errors import UsageProblem
-from defocus_cli.job import KINDS, SUFFIXES, Lens, Machine, Outputs, Reading
+from defocus_cli.job import KINDS, Lens, Machine, Outputs, Reading
 from defocus_cli.lens_file import PARSERS, make_lens
+from defocus_cli.option_types import Format, Kinds, Quantity, refuse_kinds_with_blanks
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 QUALITIES = ("draft", "standard", "high")  # those of defocus_core, which takes seconds to import
 DEPTH_UNITS = ("mm", "cm", "m", "ft")
 DEVICES = ("auto", "cpu", "cuda")
-
-
-class Quantity(click.ParamType[Any]):
-    """A quantity with its unit, read by a parser of ``quantities``."""
-
-    def __init__(self, parse: Callable[[str], Any], name: str) -> None:
-        self.parse = parse
-        self.name = name
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Parse ``value``; what is parsed already passes."""
-        if not isinstance(value, str):
-            return value
-        try:
-            return self.parse(value)
-        except quantities.QuantityError as error:
-            raise UsageProblem(option_name(param), error.problem, error.remedy) from None
-
-
-class Kinds(click.ParamType[tuple[str, ...]]):
-    """Kinds of output, separated by commas."""
-
-    name = "kinds"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """Split and check; each kind once, in the order given."""
-        if not isinstance(value, str):
-            return tuple(value)
-        kinds = tuple(dict.fromkeys(kind.strip() for kind in value.split(",")))
-        for kind in kinds:
-            if kind not in KINDS:
-                raise UsageProblem(
-                    option_name(param),
-                    f"'{kind}' is not an output",
-                    f"choose from {', '.join(KINDS)}",
-                )
-        return kinds
 
 
 class GroupedOption(click.Option):
@@ -77,6 +37,7 @@ class GroupedCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; click forgets which command an option without its value belongs to."""
+        refuse_kinds_with_blanks(args)
         try:
             return super().parse_args(ctx, args)
         except click.UsageError as error:
@@ -93,13 +54,6 @@ class GroupedCommand(click.Command):
         for heading, records in sections.items():
             with formatter.section(heading):
                 formatter.write_dl(records)
-
-
-def option_name(param: click.Parameter | None) -> str:
-    """The long name of an option, or the metavar of an argument, as a user writes it."""
-    if isinstance(param, click.Option):
-        return max(param.opts, key=len)
-    return param.human_readable_name if param else "command line"
 
 
 def cores() -> int:
@@ -171,7 +125,7 @@ def output_options(command: Command) -> Command:
             ),
             option(
                 "--format",
-                type=click.Choice(list(SUFFIXES)),
+                type=Format(),
                 default="exr",
                 show_default=True,
                 help="Type of the images; coc and disparity are always float EXR.",

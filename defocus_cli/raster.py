@@ -47,8 +47,15 @@ class Raster:
     deep: bool
 
 
-def read_raster(path: Path, *, pixels: bool = True) -> Raster:
+def read_raster(
+    path: Path, *, pixels: bool = True, wanted: str = "EXR, PNG, JPEG, TIFF or HDR"
+) -> Raster:
     """Decode the first image of a file, or only look at its header.
+
+    Args:
+        path: the file.
+        pixels: whether to decode them.
+        wanted: the formats to propose if it is of none that can be read.
 
     Raises:
         InputError: missing, empty, damaged, of unreasonable size, or not an image.
@@ -56,14 +63,14 @@ def read_raster(path: Path, *, pixels: bool = True) -> Raster:
     read_head(path)
     try:
         with quiet():
-            return _read(path, pixels)
+            return _read(path, pixels, wanted)
     except InputError:
         raise
     except Exception as error:
         raise InputError(path, f"cannot be read ({reason(error)})", _AGAIN) from error
 
 
-def _read(path: Path, pixels: bool) -> Raster:
+def _read(path: Path, pixels: bool, formats: str) -> Raster:
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     config = oiio.ImageSpec()
@@ -73,7 +80,7 @@ def _read(path: Path, pixels: bool) -> Raster:
         why = oiio.geterror()
         told = "unknown format" if "format reader" in why else _first(path, why)
         problem = f"is not an image that can be read ({told})"
-        raise InputError(path, problem, "use EXR, PNG, JPEG, TIFF or HDR")
+        raise InputError(path, problem, f"use {formats}")
     try:
         spec = file.spec()
         check_size(path, spec.width, spec.height, spec.pixel_bytes(True))

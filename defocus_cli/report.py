@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib import metadata
@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from defocus_cli.engine import Outcome
     from defocus_cli.inspection import DepthFound, Inspection
     from defocus_cli.job import Job, Lens
+
+
+TileCount = Callable[[int, int], None]
+
+_MAP_WORDS = {
+    "coc": "CoC map (signed radius, negative nearer than the focus)",
+    "disparity": "disparity map (between left and right, signed like the CoC)",
+}
 
 
 @cache
@@ -44,15 +52,28 @@ def print_json(**document: Any) -> None:
 
 
 @contextmanager
-def progress(jobs: Sequence[Job]) -> Iterator[Iterable[Job]]:
-    """The jobs, counted by a bar on stderr if there are several and it is a terminal."""
-    if len(jobs) < 2 or not sys.stderr.isatty():
-        yield jobs
+def progress(jobs: Sequence[Job]) -> Iterator[tuple[Iterable[Job], TileCount | None]]:
+    """The jobs, and what to tell (tiles done, tiles in all) of each, None if nobody watches.
+
+    If stderr is a terminal, a bar there counts the jobs, or the tiles of a lone job.
+    """
+    if not sys.stderr.isatty():
+        yield jobs, None
         return
     from tqdm import tqdm
 
-    with tqdm(jobs, unit="picture", file=sys.stderr, leave=False) as bar:
-        yield bar
+    if len(jobs) > 1:
+        with tqdm(jobs, unit="picture", file=sys.stderr, leave=False) as bar:
+            yield bar, None
+        return
+    with tqdm(unit="tile", file=sys.stderr, leave=False) as tile_bar:
+
+        def count(done: int, total: int) -> None:
+            if tile_bar.total is None:
+                tile_bar.reset(total)
+            tile_bar.update(done - tile_bar.n)
+
+        yield jobs, count
 
 
 def lens_record(lens: Lens) -> dict[str, Any]:
@@ -164,6 +185,7 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
         "color_note": found.color_note,
         "depth": None,
         "depth_note": found.depth_note,
+        "maps": [{"kind": shown.kind, "range_px": shown.range_px} for shown in found.maps],
     }
     if found.color is not None:
         record["color"] = {
@@ -190,6 +212,13 @@ def inspection_lines(found: Inspection) -> Iterator[str]:
         named = f"part {part.index}{f' ({part.name})' if part.name else ''}: "
         channels = ", ".join(f"{name} {kind}" for name, kind in part.channels)
         yield f"  {named if len(info.parts) > 1 else ''}{channels}{', deep' if part.deep else ''}"
+    for shown in found.maps:
+        reach = "no finite pixel"
+        if shown.range_px is not None:
+            reach = f"{shown.range_px[0]:.2f} to {shown.range_px[1]:.2f} px"
+        yield f"  {_MAP_WORDS[shown.kind]}: {reach}"
+    if found.maps and found.color is None and found.depth is None:
+        return
     if found.color is None:
         yield f"  no colour: {found.color_note}"
     else:

@@ -176,6 +176,58 @@ def test_8_bit_depth(tmp_path: Path, color: Path, out: Path) -> None:
     refused_input(render(color, path, "-o", out), path, "8 bit", "16-bit PNG in millimetres")
 
 
+@pytest.mark.parametrize("name", ["z.jpg", "z.txt", "z.npz", "z.bmp"])
+def test_depth_of_another_format_names_those_that_hold_depth(
+    name: str, tmp_path: Path, color: Path, out: Path
+) -> None:
+    path = tmp_path / name
+    if name in ("z.jpg", "z.bmp"):
+        save(path, (texture() * 255).astype(np.uint8))
+    elif name == "z.npz":
+        np.savez(path, depth=ramp())
+    else:
+        np.savetxt(path, ramp())
+    words = ("EXR, PFM, NPY or float TIFF", "16-bit PNG in millimetres")
+    refused_input(render(color, path, "-o", out), path, *words)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"\x93NUMPY\x01\xff\xfe", "is not a text file"),
+        (b"PK\x03\x04\0\0", "is not a lens file"),
+        (b"\xff\xfef\0n\0", "is not a text file"),
+        (b"[" * 100_000, "is not TOML"),
+        (b"fnumber = " + b"9" * 5000, "is not TOML"),
+        (b"#" * (2**20 + 1), "is not a lens file"),
+    ],
+)
+def test_a_lens_file_of_anything_else(
+    data: bytes, words: str, tmp_path: Path, color: Path, depth: Path, out: Path
+) -> None:
+    path = tmp_path / "lens.toml"
+    path.write_bytes(data)
+    refused_input(run("render", color, depth, "-o", out, "--lens", path), path, words)
+
+
+def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, out: Path) -> None:
+    remedy = 'give --lens a TOML file, with lines like focal-length = "50mm"'
+    for path in (color, color.parent):
+        refused_input(run("render", color, depth, "-o", out, "--lens", path), path, remedy)
+    missing = color.parent / "none.toml"
+    refused_input(
+        run("render", color, depth, "-o", out, "--lens", missing), missing, "No such file"
+    )
+
+
+def test_a_key_misspelt_in_a_lens_file(color: Path, depth: Path, out: Path) -> None:
+    for key in ("focal-lenght", "focal_length", "Focal-Length"):
+        path = color.with_name("lens.toml")
+        path.write_text(f'{key} = "50mm"\n')
+        words = f"{path}: unknown key '{key}'; did you mean focal-length?"
+        refused(run("render", color, depth, "-o", out, "--lens", path), 2, words)
+
+
 def test_a_length_without_unit(color: Path, depth: Path, out: Path) -> None:
     ran = render(color, depth, "-o", out, "--focus", "2")
     refused(ran, 2)
@@ -232,6 +284,46 @@ def test_usage_before_any_command() -> None:
     refused(run("bokeh"), 2, "bokeh", "--help")
     refused(run("render"), 2, "COLOR: is missing")
     refused(run("--nonsense"), 2, "--nonsense: no such option")
+
+
+@pytest.mark.parametrize(
+    ("args", "remedy"),
+    [
+        (("rendr",), "rendr: no such command; did you mean render?"),
+        (("Info",), "did you mean info?"),
+        (("bokeh",), "bokeh: no such command; see 'defocus --help'"),
+        (("render", "--fnumer", "2"), "--fnumer: no such option; did you mean --fnumber?"),
+        (("info", "--dept-unit", "mm"), "did you mean --depth-"),
+    ],
+)
+def test_a_misspelt_word_is_met_with_the_nearest_known(args: tuple[str, ...], remedy: str) -> None:
+    refused(run(*args), 2, remedy)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--outputs", "render", "left", "coc"),
+        ("--outputs", "render,", "left", ",coc"),
+        ("--outputs=render", "left", "coc"),
+    ],
+)
+def test_kinds_with_blanks_are_met_with_commas(
+    words: tuple[str, ...], color: Path, depth: Path, out: Path
+) -> None:
+    remedy = "--outputs: blanks separate render left coc; write commas, like render,left,coc"
+    refused(render(color, depth, "-o", out, *words), 2, remedy)
+    refused(render(*words, color, depth, "-o", out), 2, remedy)
+    refused(render(color, *words, "-o", out), 2, remedy)  # left would be the depth file
+    assert not out.exists()
+
+
+def test_a_file_named_like_a_kind_may_follow_the_kinds(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    color.rename(color.parent / "left")
+    monkeypatch.chdir(color.parent)
+    assert render("--outputs", "coc", "left", depth, "-o", out).code == 0
 
 
 def test_no_arguments_show_help() -> None:
@@ -331,7 +423,7 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     files = [*pair(tmp_path), "-o", tmp_path / "out"]
     script = (
         "import sys, time; from defocus_cli import engine, main; "
-        "engine.run = lambda job: (print('up', flush=True), time.sleep(60)); "
+        "engine.run = lambda *_: (print('up', flush=True), time.sleep(60)); "
         "sys.exit(main.main())"
     )
     process = subprocess.Popen(

@@ -13,6 +13,7 @@ from command_line import (
     color_exr,
     depth_exr,
     ramp,
+    read_exr,
     refused,
     render,
     run,
@@ -83,6 +84,43 @@ def test_16_bit_grey_is_depth_in_mm_and_8_bit_is_not(tmp_path: Path) -> None:
     assert depth["depth"]["range_m"] == [1.0, 4.0]
     assert color["depth"] is None
     assert color["color"]["channels"] == ["R", "G", "B"]
+
+
+@pytest.mark.parametrize("kind", ["coc", "disparity"])
+def test_a_map_that_render_wrote_is_told_with_its_range(kind: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
+    render(color, depth, "-o", out, "--outputs", kind)
+    path = out / kind / "c.exr"
+    written = read_exr(path)[kind]
+    (record,) = run("info", "--json", path, *LENS).json["files"]
+    assert record["maps"] == [
+        {"kind": kind, "range_px": [float(written.min()), float(written.max())]}
+    ]
+    assert record["color"] is record["depth"] is None
+    words = f"  {'CoC' if kind == 'coc' else 'disparity'} map ("
+    told = run("info", path)
+    assert words in told.out
+    assert f"{written.min():.2f} to {written.max():.2f} px" in told.out
+    assert "no depth" not in told.out
+
+
+def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path: Path) -> None:
+    map_ = ramp()
+    map_[0, 0], map_[0, 1] = np.nan, np.inf
+    path = write_exr(tmp_path / "coc.exr", coc=map_)
+    assert run("info", "--json", path).json["files"][0]["maps"][0]["range_px"] == [1.0, 4.0]
+    path = write_exr(tmp_path / "none.exr", coc=map_[:1, :2])
+    assert run("info", "--json", path).json["files"][0]["maps"][0]["range_px"] is None
+    assert "no finite pixel" in run("info", path).out
+
+
+def test_colour_beside_a_map_is_told_too(tmp_path: Path) -> None:
+    red, green, blue = np.moveaxis(texture(), 2, 0)
+    path = write_exr(tmp_path / "c.exr", R=red, G=green, B=blue, coc=ramp())
+    told = run("info", path).out
+    assert "CoC map" in told
+    assert "colour: R, G, B" in told
 
 
 def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path: Path) -> None:

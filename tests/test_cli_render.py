@@ -34,6 +34,7 @@ from image_files import multi_part, save
 import defocus_core
 from defocus_cli import engine
 from defocus_cli.job import KINDS
+from defocus_core.tiling import TILE
 
 EVERYTHING = ",".join(KINDS)
 
@@ -119,7 +120,20 @@ def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path: Path) 
     assert "0/2 [" in watched.err
     assert watched.out == ""
     assert "0/2 [" not in run(*args).err
-    assert "0/1 [" not in run(*args[:-2], color, depth, err=Terminal()).err
+    lone = run(*args[:-2], color, depth, err=Terminal()).err
+    assert "picture/s]" not in lone
+
+
+def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "c.exr", texture(2 * TILE, TILE))
+    depth = depth_exr(tmp_path / "z.exr", ramp(2 * TILE, TILE))
+    args = (color, depth, "-o", tmp_path / "out", "--overwrite", "--json")
+    watched = run("render", *LENS, *args, err=Terminal())
+    assert "0/2 [" in watched.err
+    assert watched.json["pictures"]
+    unwatched = render(*args)
+    assert unwatched.err.count("\n") == 1
+    assert "\r" not in unwatched.err
 
 
 def scene_exr(path: Path) -> Path:
@@ -189,6 +203,15 @@ def test_the_format_is_that_of_images_and_maps_stay_exr(
     assert record["size"] == [WIDTH, HEIGHT]
     bits = "uint16" if name in ("png16", "tiff") else "uint8"
     assert set(record["parts"][0]["channels"].values()) == {bits}
+
+
+@pytest.mark.parametrize(("alias", "name"), [("jpeg", "jpg"), ("tif", "tiff")])
+def test_a_format_may_be_called_by_either_suffix(tmp_path: Path, alias: str, name: str) -> None:
+    written = []
+    for out in (alias, name):
+        assert render(*pair(tmp_path), "-o", tmp_path / out, "--format", out).code == 0
+        written.append({f.name: f.read_bytes() for f in (tmp_path / out / "render").iterdir()})
+    assert written[0] == written[1]
 
 
 def test_image_exrs_are_half_unless_float_is_asked_for(tmp_path: Path) -> None:

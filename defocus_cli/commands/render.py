@@ -72,9 +72,9 @@ def _run(jobs: list[Job], verbose: bool) -> list[dict[str, object]]:
     from defocus_cli import engine
 
     records = []
-    with report.progress(jobs) as counted:
+    with report.progress(jobs) as (counted, tile_count):
         for job in counted:
-            outcome = engine.run(job)
+            outcome = engine.run(job, tile_count)
             for line in report.outcome_lines(outcome, verbose=verbose):
                 report.say(line)
             records.append(report.outcome_record(outcome))

@@ -1,0 +1,84 @@
+"""What options take, like quantities and kinds of output, and how errors name an option."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+import click
+
+from defocus_cli import quantities
+from defocus_cli.errors import UsageProblem
+from defocus_cli.job import KINDS, SUFFIXES
+
+FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
+
+
+def option_name(param: click.Parameter | None) -> str:
+    """The long name of an option, or the metavar of an argument, as a user writes it."""
+    if isinstance(param, click.Option):
+        return max(param.opts, key=len)
+    return param.human_readable_name if param else "command line"
+
+
+class Quantity(click.ParamType[Any]):
+    """A quantity with its unit, read by a parser of ``quantities``."""
+
+    def __init__(self, parse: Callable[[str], Any], name: str) -> None:
+        self.parse = parse
+        self.name = name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse ``value``; what is parsed already passes."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.parse(value)
+        except quantities.QuantityError as error:
+            raise UsageProblem(option_name(param), error.problem, error.remedy) from None
+
+
+class Kinds(click.ParamType[tuple[str, ...]]):
+    """Kinds of output, separated by commas."""
+
+    name = "kinds"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Split and check; each kind once, in the order given."""
+        if not isinstance(value, str):
+            return tuple(value)
+        kinds = tuple(dict.fromkeys(kind.strip() for kind in value.split(",")))
+        for kind in kinds:
+            if kind not in KINDS:
+                remedy = f"choose from {', '.join(KINDS)}, separated by commas"
+                raise UsageProblem(option_name(param), f"'{kind}' is not an output", remedy)
+        return kinds
+
+
+class Format(click.Choice[str]):
+    """Type of the images; the long and short spellings of a suffix are the same."""
+
+    def __init__(self) -> None:
+        super().__init__(list(SUFFIXES))
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The one name of a format."""
+        return super().convert(FORMAT_ALIASES.get(value, value), param, ctx)
+
+
+def refuse_kinds_with_blanks(args: Sequence[str]) -> None:
+    """Refuse ``--outputs left right``, whose ``right`` click would take for the colour file."""
+    for place, arg in enumerate(args):
+        if arg != "--outputs" and not arg.startswith("--outputs="):
+            continue
+        _, equals, value = arg.partition("=")
+        words = [value] * bool(equals) + list(args[place + 1 :])
+        stray = takewhile(lambda w: w.strip(",") in KINDS and not Path(w).exists(), words[1:])
+        kinds = [word.strip(",") for word in (*words[:1], *stray)]
+        if len(kinds) > 1:
+            problem = f"blanks separate {' '.join(kinds)}"
+            raise UsageProblem("--outputs", problem, f"write commas, like {','.join(kinds)}")
