@@ -83,7 +83,7 @@ def read_depth(
     if channel is not None:
         raise UsageProblem("--depth-channel", f"{path} has no named channels", "leave it out")
     if is_float_map(head):
-        read = read_float_map(path)
+        read = read_float_map(path, integers=unit is not None)
         return _depth(path, "", read.values, unit or "m", read.format)
     return _from_raster(path, unit)
 

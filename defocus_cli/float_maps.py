@@ -1,4 +1,4 @@
-"""Bare arrays of floats as depth files: PFM and NPY.
+"""Bare arrays of numbers as depth files: PFM and NPY.
 
 PFM (netpbm): ``Pf``, width, height, scale, then rows from bottom to top; a negative scale means
 little endian. OpenImageIO returns the rows upside down or not depending on how it is asked.
@@ -26,7 +26,7 @@ class FloatMap:
     """Shape, type and, lazily, the values of a PFM or NPY file.
 
     Attributes:
-        values: float array [H, W], memory mapped.
+        values: float array [H, W], memory mapped; integers only if they were allowed.
         format: PFM or NPY.
     """
 
@@ -39,18 +39,22 @@ def is_float_map(head: bytes) -> bool:
     return head[:2] in (b"Pf", b"PF") or head.startswith(b"\x93NUMPY")
 
 
-def read_float_map(path: Path) -> FloatMap:
+def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
     """Map a PFM or NPY file into memory.
+
+    Args:
+        path: the file.
+        integers: whether an NPY of integers will do, since their unit is known.
 
     Raises:
         InputError: damaged, or not a single map of floats.
     """
     if read_head(path).startswith(b"\x93NUMPY"):
-        return FloatMap(_npy(path), "NPY")
+        return FloatMap(_npy(path, "fiu" if integers else "f"), "NPY")
     return FloatMap(_pfm(path), "PFM")
 
 
-def _npy(path: Path) -> NDArray[Any]:
+def _npy(path: Path, kinds: str) -> NDArray[Any]:
     import numpy as np
 
     try:
@@ -59,9 +63,12 @@ def _npy(path: Path) -> NDArray[Any]:
     except Exception as error:
         problem = f"is a truncated or damaged NPY file ({reason(error)})"
         raise InputError(path, problem, _AGAIN) from error
-    if values.dtype.kind != "f":
+    if values.dtype.kind not in kinds:
         problem = f"holds {values.dtype} numbers, whose unit is unknown"
-        raise InputError(path, problem, "save floats, for example depth.astype('float32')")
+        integers = values.dtype.kind in "iu"
+        raise InputError(path, problem, "say --depth-unit mm" if integers else "save floats")
+    while values.ndim > 2 and values.shape[0] == 1:
+        values = values[0]
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[:, :, 0]
     if values.ndim != 2 or values.size == 0:

@@ -124,7 +124,7 @@ def describe(path: Path) -> FileInfo:
         shown = headers[0].display
         return FileInfo(path, shown.width, shown.height, parts)
     if is_float_map(head):
-        values = read_float_map(path).values
+        values = read_float_map(path, integers=True).values
         floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
         return FileInfo(path, values.shape[1], values.shape[0], (floats,))
     known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
