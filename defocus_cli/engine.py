@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,6 +72,27 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> Outcome
     if set(job.outputs.kinds) & set(IMAGE_KINDS):
         images, outcome = _render(color, radius, outcome, progress)
     return dataclasses.replace(outcome, warnings=deliver(color, radius, images, outcome))
+
+
+def load() -> None:
+    """Import what takes seconds to import."""
+    with interrupts_held():
+        import torch  # noqa: F401
+
+        import defocus_core  # noqa: F401
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Put Ctrl-C off to the end: an import that it hits swallows it, or leaves half a module."""
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed:
+        raise KeyboardInterrupt
 
 
 def choose_device(name: str) -> str:

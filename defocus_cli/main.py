@@ -9,6 +9,7 @@ import importlib
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 
 import click
 
@@ -139,5 +140,6 @@ def _clause(error: click.ClickException) -> str:
 
 
 def _fail(line: str, code: int) -> int:
-    click.echo(f"defocus: {line}", err=True)
+    with suppress(OSError):
+        click.echo(f"defocus: {line}", err=True)
     return code

@@ -23,6 +23,18 @@ def option_name(param: click.Parameter | None) -> str:
     return param.human_readable_name if param else "command line"
 
 
+class FilePath(click.ParamType[Path]):
+    """A path; whether anything is there, and of use, is asked when it is opened."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """A path that is not empty, as ``"$UNSET"`` would be."""
+        if not str(value):
+            raise UsageProblem(option_name(param), "is empty", "give a path")
+        return Path(value)
+
+
 class Quantity(click.ParamType[Any]):
     """A quantity with its unit, read by a parser of ``quantities``."""
 

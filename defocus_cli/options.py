@@ -15,7 +15,7 @@ import click
 
 from defocus_cli.job import KINDS, Lens, Machine, Outputs, Reading
 from defocus_cli.lens_file import PARSERS, make_lens
-from defocus_cli.option_types import Format, Kinds, Quantity, refuse_kinds_with_blanks
+from defocus_cli.option_types import FilePath, Format, Kinds, Quantity, refuse_kinds_with_blanks
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -109,7 +109,7 @@ def output_options(command: Command) -> Command:
                 "-o",
                 "--out",
                 "root",
-                type=click.Path(path_type=Path),
+                type=FilePath(),
                 required=True,
                 metavar="OUT",
                 help="Directory to write to.",
@@ -215,7 +215,7 @@ def _lens_option(name: str) -> Decorator:
 
 def _lens_file_option() -> Decorator:
     text = 'File of lens options, like focal-length = "50mm"; what is given beside it wins.'
-    kind = click.Path(path_type=Path)
+    kind = FilePath()
     return _option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)
 
 

@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -40,10 +40,11 @@ def version() -> str:
 
 def say(line: str) -> None:
     """One line on stderr, above the progress bar if there is one."""
-    if "tqdm" in sys.modules:
-        sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
-    else:
-        click.echo(line, err=True)
+    with suppress(OSError):  # words that find no ear are no reason to lose the picture
+        if "tqdm" in sys.modules and sys.stderr is not None:
+            sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
+        else:
+            click.echo(line, err=True)
 
 
 def print_json(**document: Any) -> None:
@@ -57,7 +58,7 @@ def progress(jobs: Sequence[Job]) -> Iterator[tuple[Iterable[Job], TileCount | N
 
     If stderr is a terminal, a bar there counts the jobs, or the tiles of a lone job.
     """
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():  # None: closed by whoever started us
         yield jobs, None
         return
     from tqdm import tqdm

@@ -357,6 +357,39 @@ def test_an_output_that_is_a_directory(color: Path, depth: Path, out: Path) -> N
     assert files_under(out) == set()
 
 
+@pytest.mark.parametrize("args", [("", "{z}"), ("{c}", ""), ("{c}", "{z}", "-o", ""), ("--lens",)])
+def test_an_empty_path_is_not_the_current_directory(
+    args: tuple[str, ...], color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(color.parent)
+    filled = [arg.format(c=color, z=depth) for arg in args]
+    lens = ["", color, depth] if args == ("--lens",) else []
+    refused(render("-o", out, *filled, *lens), 2, "is empty; give a path")
+    assert files_under(color.parent) == {"color.exr", "depth.exr"}
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+def test_what_may_not_be_read_or_written(color: Path, depth: Path, out: Path) -> None:
+    color.chmod(0)
+    refused_input(render(color, depth, "-o", out), color, "Permission denied")
+    color.chmod(0o600)
+    out.mkdir(mode=0o500)
+    refused(render(color, depth, "-o", out), 3, f"{out}: cannot be written to")
+
+
+@pytest.mark.parametrize("stderr", ["full", "closed"])
+def test_words_that_cannot_be_said_do_not_cost_the_picture(
+    stderr: str, color: Path, depth: Path, out: Path
+) -> None:
+    command = "import sys; from defocus_cli.main import main; sys.exit(main())"
+    args = [sys.executable, "-c", command, "render", color, "-o", out, "--outputs", "coc", *LENS]
+    redirected = "2>/dev/full" if stderr == "full" else "2>&-"
+    for more, code in ((depth, 0), (color, 3)):
+        shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", *args, more, "--overwrite"]
+        assert subprocess.run(shell, check=False).returncode == code
+    assert files_under(out) == {"coc/color.exr"}
+
+
 def test_a_full_disk(color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -417,6 +450,19 @@ def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> N
         check=False,
     )
     refused(Ran(ran.returncode, ran.stdout, ran.stderr), 3, "defocus: no.exr: no such file")
+
+
+def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
+    def imports() -> None:
+        with engine.interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+            done.append("imports")
+
+    done: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        imports()
+    assert done
 
 
 def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:

@@ -141,6 +141,21 @@ def test_half_a_lens_is_usage(tmp_path: Path) -> None:
     refused(ran, 2, "--fnumber: is missing")
 
 
+def test_what_is_found_is_told_though_a_later_file_is_missing(tmp_path: Path) -> None:
+    ran = run("info", depth_exr(tmp_path / "z.exr"), tmp_path / "no.exr")
+    assert ran.code == 3
+    assert "1 m to 4 m" in ran.out
+    assert "no.exr: no such file" in ran.err
+
+
+def test_integers_are_depth_once_their_unit_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "z.npy"
+    np.save(path, (ramp() * 1000).astype(np.uint16)[None])
+    refused(run("info", path), 3, f"{path}: holds uint16 numbers", "say --depth-unit mm")
+    (record,) = run("info", "--json", path, "--depth-unit", "mm").json["files"]
+    assert record["depth"]["range_m"] == [1.0, 4.0]
+
+
 def test_a_missing_file_is_input(tmp_path: Path) -> None:
     refused(run("info", tmp_path / "no.exr"), 3, "no.exr: no such file")
     refused(run("info"), 2, "FILE...: is missing")

@@ -9,6 +9,7 @@ import click
 from defocus_cli import options, report
 from defocus_cli.inspection import inspect
 from defocus_cli.job import Lens, Reading
+from defocus_cli.option_types import FilePath
 
 
 @click.command(
@@ -16,9 +17,7 @@ from defocus_cli.job import Lens, Reading
     cls=options.GroupedCommand,
     short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
 )
-@click.argument(
-    "files", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FILE..."
-)
+@click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @options.lens_options(required=False)
 @options.reading_options
 @options.json_option
@@ -32,7 +31,7 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
     """  # noqa: D301  click reads the backspace
-    found = [inspect(file, reading, lens) for file in files]
+    found = (inspect(file, reading, lens) for file in files)  # each is told before the next is read
     if as_json:
         report.print_json(files=[report.inspection_record(inspection) for inspection in found])
         return

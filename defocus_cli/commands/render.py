@@ -8,6 +8,7 @@ import click
 
 from defocus_cli import options, report
 from defocus_cli.job import Job, Lens, Machine, Outputs, Reading, find_pictures, make_jobs
+from defocus_cli.option_types import FilePath
 
 
 @click.command(
@@ -15,8 +16,8 @@ from defocus_cli.job import Job, Lens, Machine, Outputs, Reading, find_pictures,
     cls=options.GroupedCommand,
     short_help="Defocus pictures: colour and depth in, render, left, right, coc out.",
 )
-@click.argument("color", type=click.Path(path_type=Path))
-@click.argument("depth", type=click.Path(path_type=Path), required=False)
+@click.argument("color", type=FilePath())
+@click.argument("depth", type=FilePath(), required=False)
 @options.lens_options(required=True)
 @options.output_options
 @options.reading_options
@@ -71,6 +72,7 @@ def _plan(jobs: list[Job], as_json: bool) -> list[dict[str, object]]:
 def _run(jobs: list[Job], verbose: bool) -> list[dict[str, object]]:
     from defocus_cli import engine
 
+    engine.load()
     records = []
     with report.progress(jobs) as (counted, tile_count):
         for job in counted:
