@@ -37,6 +37,10 @@ def read_head(path: Path, count: int = 16) -> bytes:
         InputError: the file is missing, is a directory, is empty or may not be read.
     """
     try:
+        str(path).encode()
+    except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
+        raise InputError(path, "has a name that is not UTF-8", "rename it") from None
+    try:
         if path.is_dir():
             raise InputError(path, "is a directory, not an image", "name a file in it")
         with path.open("rb") as file:

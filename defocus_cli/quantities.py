@@ -11,6 +11,7 @@ import re
 from decimal import Decimal
 
 MM_PER_UNIT = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
+MOST_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _LENGTHS = "like 2m or 50mm"
 
@@ -66,6 +67,10 @@ def blades(text: str) -> int:
         raise QuantityError(f"'{text}' is not a whole number", "write it like 6") from None
     if count < 0 or count in (1, 2):
         raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
+    if count > MOST_BLADES:
+        raise QuantityError(
+            f"{count} blades are too many", f"give at most {MOST_BLADES}, or 0 (round)"
+        )
     return count
 
 

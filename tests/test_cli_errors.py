@@ -78,6 +78,22 @@ def test_zero_bytes(name: str, depth: Path, color: Path, out: Path) -> None:
     refused_input(render(color, empty, "-o", out), empty, "empty")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are Unicode")
+def test_a_name_that_is_not_utf_8(color: Path, depth: Path, out: Path) -> None:
+    odd = color.rename(color.with_name(os.fsdecode(b"\xff.exr")))
+    for files in ((odd, depth), (odd,)):
+        refused(render(*files, "-o", out), 3, "has a name that is not UTF-8; rename it")
+
+
+@pytest.mark.parametrize(
+    "stem", ["photo – ünï.v2.final", "-dash", "{a,b} %d", "new\nline", "🎞" * 50]
+)
+def test_any_other_name_will_do(stem: str, color: Path, depth: Path, out: Path) -> None:
+    named = color.rename(color.with_name(f"{stem}.exr"))
+    assert render("-o", out, "--preview", "--format", "png", "--", named, depth).code == 0
+    assert files_under(out) == {f"render/{stem}.png", f"render/{stem}.preview.png"}
+
+
 def truncated(path: Path, share: float) -> Path:
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * share)])

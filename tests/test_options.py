@@ -57,6 +57,7 @@ def test_help_shows_options_under_their_headings() -> None:
         ("--threads", "0", "x>=1"),
         ("--part", "-1", "x>=0"),
         ("--blades", "2", "0 (round) or 3 and more"),
+        ("--blades", "1000000", "at most 100, or 0 (round)"),
         ("--blade-rotation", "1rad", "15deg"),
         ("--fnumber", "0", "like 1.4"),
         ("--sensor-width", "36", "write it with a unit, like 2m or 50mm"),
