@@ -59,7 +59,7 @@ def one_line(text: object) -> str:
 
 def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:
     """The remedy for a name that is not known: the nearest that is, or else ``otherwise``."""
-    nearest = get_close_matches(word.lower(), known, n=1)
+    nearest = get_close_matches(word.lower(), known, n=1, cutoff=0.7)
     return f"did you mean {nearest[0]}?" if nearest else otherwise
 
 

@@ -78,6 +78,7 @@ def test_a_lens_cannot_focus_nearer_than_its_focal_length(foc_dist: float) -> No
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("[lens]", r"lens\.toml: unknown key 'lens'; a lens file knows"),
         ("iso = 100", r"lens\.toml: unknown key 'iso'; a lens file knows focal-length, fnumber"),
         ("focal-length = 50", r"lens\.toml: focal-length: '50' has no unit"),
         ("focus-at = [1, 2, 3]", r"lens\.toml: focus-at: '1,2,3' is not a pixel"),
