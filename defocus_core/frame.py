@@ -6,24 +6,31 @@ Hidden slices fill only what is left, so they are summed while still transformed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from defocus_core.aperture import LEFT, RIGHT, Aperture, parts
 from defocus_core.compositing import add_behind, pair_of, picture
-from defocus_core.convolution import crop_inverse, kernel_spectra, reach, transform_length
+from defocus_core.convolution import (
+    crop_inverse,
+    kernel_spectra,
+    leaning_spectra,
+    reach,
+    transform_length,
+)
 from defocus_core.hidden import hidden_layer
 from defocus_core.highlights import draw, split
+from defocus_core.mixed import unmixed
 from defocus_core.quality import Quality
-from defocus_core.slicing import evenly, layers, membership, position, rungs
+from defocus_core.slicing import evenly, layers, position, rungs
+from defocus_core.slopes import slopes
+from defocus_core.surface import Ladder, Margins, Surface
 from defocus_core.threads import threaded
-from defocus_core.tiling import TILE, Tile, tiles, visible_slices
+from defocus_core.tiling import TILE, tiles
 
 
 def render_frame(
@@ -67,22 +74,6 @@ def render_frame(
     return torch.cat(rows, -2), frame.counts()
 
 
-class _Surface(NamedTuple):
-    """A sliced layer with margins, and where it matters.
-
-    Attributes:
-        pixels: [C + 1, H + margins, W + margins], premultiplied, the last channel coverage.
-        places: [H + margins, W + margins], positions of the pixels on the ladder.
-        stride: The ladder is every slice (1) or every other (2).
-        plan: For each tile the indices of the slices that reach it, nearest first.
-    """
-
-    pixels: Tensor
-    places: Tensor
-    stride: int
-    plan: list[list[int]]
-
-
 @dataclass(frozen=True)
 class _Window:
     """The transform that slices of similar reach share.
@@ -91,11 +82,13 @@ class _Window:
         margin: Px around a tile.
         size: (height, width) of the transform.
         spectra: Of the kernels, by the index of the slice: [M, 1, height, width // 2 + 1].
+        leaning: The same times u.x and u.y: [2, M, 1, ...]; empty if no surface is tilted.
     """
 
     margin: int
     size: tuple[int, int]
     spectra: dict[int, Tensor]
+    leaning: dict[int, Tensor]
 
 
 class _Frame:
@@ -124,56 +117,68 @@ class _Frame:
         self.grid = tiles(H, W)
         self.side = (min(TILE, H), min(TILE, W))
         self.layers = layers(self.radii, quality)
-        self.windows = self._windows(aperture, pixels)
+        pixels, highlights = split(pixels, signed_radius)
+        lean = slopes(signed_radius)
+        lean = lean * ((lean * lean).sum(0) > quality.least_slope**2)
+        self.windows = self._windows(aperture, pixels, tilted=bool(lean.any()))
         spans = list(dict.fromkeys(map(id, self.windows.values())))
         self.spans = [spans.index(id(self.windows[k])) for k in range(len(self.radii))]
-        self.margin = max(w.margin for w in self.windows.values())
-        pixels, highlights = split(pixels, signed_radius)
-        hidden = hidden_layer(pixels, signed_radius, threads)
+        own, coverage, fringe = unmixed(pixels, signed_radius)
+        hidden = hidden_layer(own, signed_radius, threads)
         stride = 1 if num_layers else quality.hidden_stride
-        self.visible = self._surface(pixels, signed_radius, None, 1)
-        self.hidden = self._surface(hidden.color, hidden.signed_radius, hidden.mask, stride)
+        every = Ladder(self.radii, self.reaches)
+        margins = self._margins(H, W)
+        layer = torch.cat([own * coverage, coverage])
+        self.visible = Surface(
+            layer, signed_radius, every, self.grid, margins, fringe=fringe, slopes=lean
+        )
+        self.hidden = Surface(
+            torch.cat([hidden.color, torch.ones_like(coverage)]),
+            hidden.signed_radius,
+            every._replace(stride=stride),
+            self.grid,
+            margins,
+            mask=hidden.mask,
+        )
         self.highlights = None
         if highlights:
             places = position(signed_radius, self.radii)
             self.highlights = draw(highlights, places, self.radii, aperture, self.parts)
 
-    def _windows(self, aperture: Aperture, like: Tensor) -> dict[int, _Window]:
+    def _windows(self, aperture: Aperture, like: Tensor, *, tilted: bool) -> dict[int, _Window]:
         """The window of each slice that is blurred at all; slices in one window share it."""
         sharing: dict[tuple[int, int, bool], list[int]] = {}
         for k in range(len(self.radii)):
             widest = max(self.reaches[j] for j, g in enumerate(self.layers) if g == self.layers[k])
             rows, columns = (transform_length(n + 2 * widest) for n in self.side)
             sharing.setdefault((rows, columns, widest == 0), []).append(k)
+        precision = torch.complex128 if like.dtype == torch.float64 else torch.complex64
         windows = {}
         for (rows, columns, _), slices in sharing.items():
             extent = max(self.reaches[k] for k in slices)
             radii = torch.tensor([self.radii[k] for k in slices], dtype=torch.float64)
-            precision = torch.complex128 if like.dtype == torch.float64 else torch.complex64
-            spectra = kernel_spectra(radii, extent, (rows, columns), aperture, self.parts)
-            spectra = spectra.to(like.device, precision)[:, :, None]
-            window = _Window(extent, (rows, columns), dict(zip(slices, spectra, strict=True)))
+            blur = (radii, extent, (rows, columns), aperture, self.parts)
+            kinds = [kernel_spectra] + ([leaning_spectra] if tilted and extent else [])
+            spectra, *leaning = (
+                dict(zip(slices, kind(*blur).to(like.device, precision).unsqueeze(-3), strict=True))
+                for kind in kinds
+            )
+            window = _Window(extent, (rows, columns), spectra, *(leaning or [{}]))
             windows.update(dict.fromkeys(slices, window))
         return windows
 
-    def _surface(self, color: Tensor, radius: Tensor, mask: Tensor | None, stride: int) -> _Surface:
-        places = position(radius, self.radii[::stride])
-        plan = visible_slices(places, mask, self.reaches[::stride], self.grid)
-        plan = [[k * stride for k in slices] for slices in plan]
-        pixels = torch.cat([color, torch.ones_like(color[:1])])
-        pixels = pixels if mask is None else pixels * mask
-        H, W = radius.shape
+    def _margins(self, H: int, W: int) -> Margins:
+        """As much that every window of every tile lies within."""
         longest = [max(w.size[i] for w in self.windows.values()) for i in (0, 1)]
         below = longest[0] + TILE * ((H - 1) // TILE) - H
         beside = longest[1] + TILE * ((W - 1) // TILE) - W
-        margins = (self.margin, max(beside, 0), self.margin, max(below, 0))
-        return _Surface(pad(pixels, margins), pad(places, margins), stride, plan)
+        before = max(w.margin for w in self.windows.values())
+        return Margins(before, max(beside, 0), max(below, 0))
 
     def tile(self, index: int) -> Tensor:
         """The centre, or the centre, left and right image [1 or 3, C, h, w] of one tile."""
         box = self.grid[index]
-        shape = (len(self.parts), len(self.visible.pixels), box.height, box.width)
-        seen = self.visible.pixels.new_zeros(shape)
+        seen = self.visible.empty(len(self.parts), box)
         layers = self._blurred(self.visible, index, self.layers)
         for number in sorted(layers):
             seen = add_behind(seen, layers[number])
@@ -191,7 +196,7 @@ class _Frame:
         pair = pair_of(centre, left, right, signed=self.signed)
         return torch.cat([centre[None], pair])
 
-    def _blurred(self, surface: _Surface, index: int, layer_of: list[int]) -> dict[int, Tensor]:
+    def _blurred(self, surface: Surface, index: int, layer_of: list[int]) -> dict[int, Tensor]:
         """The layers of a surface over a tile, by number: sums of blurred slices.
 
         Args:
@@ -209,29 +214,28 @@ class _Frame:
         layers: dict[int, Tensor] = {}
         for slices in by_window.values():
             window = self.windows[slices[0]]
-            pixels = self._members(surface, box, window, slices)
-            numbers = [layer_of[k] for k in slices]
+            place = (index, box, window.margin, window.size)
+            pixels = surface.members(*place, slices)
             if window.margin == 0:
-                inside = pixels[..., : box.height, : box.width]
-                for number, layer in _sums(numbers, inside):
-                    layers[number] = layer.expand(len(self.parts), -1, -1, -1)
+                for k, sharp in zip(slices, pixels[..., : box.height, : box.width], strict=True):
+                    others = layers.get(layer_of[k])
+                    sharp = sharp.expand(len(self.parts), -1, -1, -1)
+                    layers[layer_of[k]] = sharp if others is None else others + sharp
                 continue
-            spectra = torch.fft.rfft2(pixels)
-            kernels = [window.spectra[k] for k in slices]
-            names, totals = zip(*_sums(numbers, spectra, kernels), strict=True)
+            terms = list(zip(slices, torch.fft.rfft2(pixels), strict=True))
+            tilted = surface.tilted_plan[index]
+            totals: dict[int, Tensor] = {}
+            for k, spectrum in terms:
+                _add(totals, layer_of[k], spectrum, window.spectra[k])
+            if chosen := [i for i, k in enumerate(slices) if k in tilted]:
+                lean = surface.slopes(*place[1:])[:, None] * pixels[chosen][:, None]
+                for i, pair in zip(chosen, torch.fft.rfft2(lean), strict=True):
+                    for spectrum, kernel in zip(pair, window.leaning[slices[i]], strict=True):
+                        _add(totals, layer_of[slices[i]], spectrum, kernel)
             wanted = (window.margin, window.margin, box.height, box.width)
-            blurred = crop_inverse(torch.stack(totals), window.size, wanted)
-            layers.update(zip(names, blurred.unbind(), strict=True))
+            blurred = crop_inverse(torch.stack(list(totals.values())), window.size, wanted)
+            layers.update(zip(totals, blurred.unbind(), strict=True))
         return layers
-
-    def _members(self, surface: _Surface, box: Tile, window: _Window, slices: list[int]) -> Tensor:
-        """The pixels of slices within a window, [k, C + 1, height, width]."""
-        top, left = box.top + self.margin - window.margin, box.left + self.margin - window.margin
-        rows, columns = slice(top, top + window.size[0]), slice(left, left + window.size[1])
-        rungs_of = [k // surface.stride for k in slices]
-        index = torch.tensor(rungs_of, dtype=surface.places.dtype, device=surface.places.device)
-        shares = membership(surface.places[rows, columns], index)
-        return surface.pixels[:, rows, columns] * shares[:, None]
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""
@@ -247,22 +251,12 @@ class _Frame:
         }
 
 
-def _sums(
-    numbers: list[int], slices: Tensor, factors: list[Tensor] | None = None
-) -> Iterator[tuple[int, Tensor]]:
-    """Slices of the same number, adjacent to each other, each times its factor, summed."""
-    places = range(len(numbers))
-    for number, group in groupby(places, key=lambda i: numbers[i]):
-        first, *others = group
-        if factors is None:
-            total = slices[first]
-            for i in others:
-                total = total + slices[i]
-        else:
-            total = slices[first] * factors[first]
-            for i in others:
-                total = total.addcmul_(slices[i], factors[i])
-        yield number, total
+def _add(totals: dict[int, Tensor], number: int, spectrum: Tensor, kernel: Tensor) -> None:
+    """Add a slice's spectrum [C + 1, h, w] times a kernel's [M, 1, h, w] to a layer's."""
+    if number in totals:
+        totals[number] = totals[number].addcmul_(spectrum, kernel)
+    else:
+        totals[number] = spectrum * kernel
 
 
 def _slice_radii(

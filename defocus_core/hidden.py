@@ -8,7 +8,6 @@ is continued by the colour and radius of what lies farther, near by first.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -23,8 +22,10 @@ _EDGE = 1.0
 _DECAY = 0.70710678
 # How much farther, in px of radius, than the surface in front of it hidden content must be.
 _STEP = 0.5
-# How far beyond a range of near radii, at most, the radii begin that are farther than all of it.
-_MARGIN = 1.0
+# The middle share of the distance from a near to a far radius, in which a border tells them apart.
+_WELL_BETWEEN = 0.5
+# Radii are compared in units of 1 / 8 px.
+_GRAINS = 8
 
 
 class HiddenLayer(NamedTuple):
@@ -47,7 +48,7 @@ def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> Hidd
     Args:
         image: [C, H, W] linear.
         signed_radius: [H, W] px.
-        threads: Ranges of radius that are continued at once.
+        threads: Borders between near and far radii that are continued at once.
     """
     r = signed_radius.detach()
     shown = revealed(r)
@@ -56,26 +57,52 @@ def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> Hidd
     near, far = r[wanted], shown[wanted]
     values = torch.cat([image, signed_radius[None], torch.ones_like(image[:1])])
     found = values[:-1, at[:, 0], at[:, 1]].T  # stays where nothing is farther
-    bands = []
-    for low, high in _bands(near):
-        here = (near >= low) & (near < high)
-        beyond = _between_surfaces(near[here], far[here], high + _MARGIN)
-        if bool((r > beyond).any()):
-            bands.append((here, beyond))
-
+    borders = _borders(near, far)
+    choice = _nearest(borders, (near + far) / 2)
     quarters = quartered(values)
     radii = [torch.where(q[-1] > 0, q[-2] / q[-1], -torch.inf).detach() for q in quarters]
 
-    def behind(band: tuple[Tensor, float]) -> Tensor:
-        here, beyond = band
-        return continued(pooled(quarters, [x > beyond for x in radii]), at[here], r.shape)
+    def behind(index: int) -> tuple[Tensor, Tensor]:
+        here = torch.nonzero(choice == index)[:, 0]
+        beyond = [x > borders[index] for x in radii]
+        return here, continued(pooled(quarters, beyond), at[here], r.shape)
 
-    for (here, _), values_there in zip(bands, threaded(behind, bands, threads), strict=True):
+    for here, values_there in threaded(behind, range(len(borders)), threads):
         found = found.index_put((here,), values_there)
     place = (at[:, 0], at[:, 1])
     color = torch.zeros_like(image.movedim(0, -1)).index_put(place, found[:, :-1]).movedim(-1, 0)
     radius = signed_radius.index_put(place, found[:, -1])
     return HiddenLayer(color, radius, wanted & (radius.detach() > r + _STEP))
+
+
+def _borders(near: Tensor, far: Tensor) -> list[float]:
+    """Few radii, ascending, of which one lies well between each pair of near and far ones.
+
+    Pairs are told apart to 1/8 px, or to 1/8 of their distance.
+    """
+    if not near.numel():
+        return []
+    unit = (far - near).log2().floor().sub(3).exp2().clamp(min=1 / _GRAINS)
+    low = ((near / unit).floor() * unit * _GRAINS).long()
+    high = ((far / unit).ceil() * unit * _GRAINS).long()
+    pairs = torch.unique((low << 32) + high).cpu()
+    high = (pairs << 32) >> 32
+    low = (pairs - high) >> 32
+    middle, reach = (high + low) / 2, (high - low) * (_WELL_BETWEEN / 2)
+    least, most = (middle - reach).tolist(), (middle + reach).tolist()
+    borders: list[float] = []
+    for i in sorted(range(len(most)), key=most.__getitem__):
+        if not borders or borders[-1] < least[i]:
+            borders.append(most[i])
+    return [border / _GRAINS for border in borders]
+
+
+def _nearest(borders: list[float], wanted: Tensor) -> Tensor:
+    """For each wanted radius the index of the border nearest to it."""
+    ladder = torch.tensor(borders, dtype=wanted.dtype, device=wanted.device)
+    if len(borders) < 2:
+        return torch.zeros_like(wanted, dtype=torch.long)
+    return torch.bucketize(wanted, (ladder[1:] + ladder[:-1]) / 2)
 
 
 def revealed(r: Tensor) -> Tensor:
@@ -113,22 +140,3 @@ def _dilate(shown: Tensor, dim: int, stride: int) -> Tensor:
         side = result.narrow(dim, target, n)
         side.copy_(torch.maximum(side, fallen.narrow(dim, source, n)))
     return result
-
-
-def _between_surfaces(near: Tensor, far: Tensor, at_most: float) -> float:
-    """A radius beyond which lies what is farther than all near pixels, midway to what they show."""
-    nearest, farthest = float(near.max()), float(far.min())
-    return min((nearest + farthest) / 2, at_most) if nearest < farthest else at_most
-
-
-def _bands(r: Tensor) -> list[tuple[float, float]]:
-    """Ranges of radius that share one notion of what is farther: 3 px or half of r wide."""
-    if not r.numel():
-        return []
-    least, most = float(r.min()), float(r.max())
-    side = [0.0]
-    while side[-1] <= max(abs(least), abs(most)):
-        side.append(side[-1] + max(3.0, 0.5 * side[-1]))
-    ladder = [-x for x in reversed(side[1:])] + side
-    counts = torch.histogram(r.flatten().double().cpu(), torch.tensor(ladder).double()).hist
-    return [pair for pair, count in zip(pairwise(ladder), counts.tolist(), strict=True) if count]

@@ -15,6 +15,7 @@ class Quality:
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
+        least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
         parts: Parts of the aperture that are composited one by one for the centre image: 1, 4, 8
             or 16. With one, the dual-pixel pair composites its halves besides.
     """
@@ -23,16 +24,34 @@ class Quality:
     far_spacing: float
     layer_ratio: float
     hidden_stride: int
+    least_slope: float
     parts: int
 
 
 QUALITY: dict[str, Quality] = {
-    "draft": Quality(near_spacing=1.0, far_spacing=0.2, layer_ratio=2.0, hidden_stride=2, parts=1),
+    "draft": Quality(
+        near_spacing=1.0,
+        far_spacing=0.2,
+        layer_ratio=2.0,
+        hidden_stride=2,
+        least_slope=0.2,
+        parts=1,
+    ),
     "standard": Quality(
-        near_spacing=0.75, far_spacing=0.12, layer_ratio=1.6, hidden_stride=2, parts=1
+        near_spacing=0.75,
+        far_spacing=0.12,
+        layer_ratio=1.6,
+        hidden_stride=2,
+        least_slope=0.1,
+        parts=1,
     ),
     "high": Quality(
-        near_spacing=0.5, far_spacing=0.05, layer_ratio=4 / 3, hidden_stride=1, parts=4
+        near_spacing=0.75,
+        far_spacing=0.06,
+        layer_ratio=4 / 3,
+        hidden_stride=1,
+        least_slope=0.05,
+        parts=4,
     ),
 }
 QUALITIES: tuple[str, ...] = tuple(QUALITY)

@@ -35,19 +35,17 @@ def tiles(height: int, width: int, side: int = TILE) -> list[Tile]:
     ]
 
 
-def visible_slices(
-    places: Tensor, present: Tensor | None, reaches: list[int], grid: list[Tile]
-) -> list[list[int]]:
+def visible_slices(blocks: Tensor, reaches: list[int], grid: list[Tile]) -> list[list[int]]:
     """For each tile the indices of the slices that reach it, nearest first.
 
     Args:
-        places: [H, W] positions of pixels on the ladder.
-        present: [H, W] bool, which pixels exist; None if all do.
+        blocks: [K, rows, columns] bool, from `blocks_of` and `blocks_at`.
         reaches: Px that each slice spreads.
         grid: The tiles.
     """
-    count = _block_counts(places.detach(), present, len(reaches))
-    rows, columns = count.shape[1] - 1, count.shape[2] - 1
+    padded = torch.nn.functional.pad(blocks.to(torch.int32).cpu(), (1, 0, 1, 0))
+    count = padded.cumsum(1).cumsum(2)
+    rows, columns = blocks.shape[1:]
     top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*grid, strict=True))
     reach = torch.tensor(reaches)[None]  # [1, K]
     y0 = ((top - reach).clamp(min=0) // _BLOCK).clamp(max=rows)
@@ -59,15 +57,36 @@ def visible_slices(
     return [torch.nonzero(row)[:, 0].tolist() for row in inside > 0]
 
 
-def _block_counts(places: Tensor, present: Tensor | None, slices: int) -> Tensor:
-    """Summed-area table [K, rows + 1, columns + 1] of blocks that hold a pixel of each slice."""
+def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
+    """Blocks [K, rows, columns] bool of 16 px that hold a pixel of each slice.
+
+    Args:
+        places: [H, W] positions of pixels on the ladder.
+        slices: K.
+        present: [H, W] bool, which pixels exist; None if all do.
+    """
     H, W = places.shape
-    rows, columns = -(-H // _BLOCK), -(-W // _BLOCK)
-    down = torch.arange(H, device=places.device) // _BLOCK * columns
-    block = down[:, None] + torch.arange(W, device=places.device) // _BLOCK
-    found = torch.zeros(slices * rows * columns, dtype=torch.int32, device=places.device)
-    for slice_ in (places.floor(), places.ceil()):
-        key = slice_.long() * (rows * columns) + block
-        found[key if present is None else key[present]] = 1
-    table = found.reshape(slices, rows, columns).cpu()
-    return torch.nn.functional.pad(table, (1, 0, 1, 0)).cumsum(1).cumsum(2)
+    down = torch.arange(H, device=places.device) // _BLOCK
+    across = torch.arange(W, device=places.device) // _BLOCK
+    block = down[:, None] * _blocks(W) + across
+    if present is not None:
+        places, block = places[present], block[present]
+    return _marked(places, block, slices, (H, W))
+
+
+def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
+    """The same of points of positions [n] at rows and columns [n, 2] of a frame."""
+    block = at[:, 0] // _BLOCK * _blocks(size[1]) + at[:, 1] // _BLOCK
+    return _marked(places, block, slices, size)
+
+
+def _blocks(length: int) -> int:
+    return -(-length // _BLOCK)
+
+
+def _marked(places: Tensor, block: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
+    rows, columns = map(_blocks, size)
+    found = torch.zeros(slices * rows * columns, dtype=torch.bool, device=places.device)
+    for rung in (places.detach().floor(), places.detach().ceil()):
+        found[rung.long() * (rows * columns) + block] = True
+    return found.reshape(slices, rows, columns)

@@ -19,9 +19,9 @@ LAYERS = [
     {"lens"},
     {"render"},
     {"frame"},
-    {"highlights"},
-    {"compositing", "convolution", "hidden", "slicing", "thin_lens", "tiling"},
-    {"aperture", "continuation", "quality", "threads"},
+    {"highlights", "surface"},
+    {"compositing", "convolution", "hidden", "mixed", "slicing", "thin_lens", "tiling"},
+    {"aperture", "continuation", "quality", "slopes", "threads"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

@@ -170,5 +170,5 @@ def test_blades_that_make_no_polygon_are_refused() -> None:
 
 
 def test_a_finer_quality_has_more_slices() -> None:
-    slices = [render(IMAGE, RADIUS, quality=q).stats["slices"] for q in QUALITIES]
+    slices = [render(IMAGE, 3 * RADIUS, quality=q).stats["slices"] for q in QUALITIES]
     assert slices == sorted(set(slices))

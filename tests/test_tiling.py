@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from defocus_core.tiling import TILE, tiles, visible_slices
+from defocus_core.tiling import TILE, blocks_at, blocks_of, tiles, visible_slices
 
 
 @pytest.mark.parametrize("size", [(1, 1), (128, 128), (129, 300), (40, 1000)])
@@ -21,7 +21,8 @@ def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place: tuple[int, int
     places = torch.zeros(100, 150)
     places[place] = 1.0
     grid, reaches = tiles(100, 150, side=32), [0, 20]
-    for box, plan in zip(grid, visible_slices(places, None, reaches, grid), strict=True):
+    blocks = blocks_of(places, 2)
+    for box, plan in zip(grid, visible_slices(blocks, reaches, grid), strict=True):
         down = max(box.top - place[0], place[0] - box.top - box.height + 1, 0)
         across = max(box.left - place[1], place[1] - box.left - box.width + 1, 0)
         assert 0 in plan
@@ -34,4 +35,12 @@ def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place: tuple[int, int
 def test_what_does_not_exist_reaches_nothing() -> None:
     grid = tiles(40, 40)
     nothing = torch.zeros(40, 40, dtype=torch.bool)
-    assert visible_slices(torch.zeros(40, 40), nothing, [0, 1], grid) == [[]]
+    blocks = blocks_of(torch.zeros(40, 40), 2, nothing)
+    assert visible_slices(blocks, [0, 1], grid) == [[]]
+
+
+def test_points_are_found_where_pixels_would_be() -> None:
+    places, at = torch.tensor([0.0, 0.5, 1.0]), torch.tensor([[0, 0], [39, 57], [17, 30]])
+    dense, present = torch.zeros(40, 60), torch.zeros(40, 60, dtype=torch.bool)
+    dense[at[:, 0], at[:, 1]], present[at[:, 0], at[:, 1]] = places, True
+    assert torch.equal(blocks_at(places, at, 2, (40, 60)), blocks_of(dense, 2, present))

@@ -1,0 +1,170 @@
+"""Pixels on an edge of depth, whose colours are mixed from two surfaces.
+
+An anti-aliased pixel holds α of the nearer surface and 1 - α of the farther one, and the depth of
+only one of them. Left as they are, such pixels draw ghost lines: the nearer colour stays behind,
+sharp, where the nearer surface is blurred away. They are taken apart in the way of Bayesian matting
+(Chuang et al. 2001): both surfaces have a mean and a variance beside the edge, a pixel is expected
+to be whole, and the most probable α and colours that give it are kept.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import max_pool2d, pad
+
+# Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
+_EDGE = 1.5
+# Px to each side of a pixel from which the two surfaces are known.
+_AROUND = 2
+# How far, as a share of coverage, a pixel is expected to deviate from one whole surface.
+_EXPECTED = 0.05
+# The least deviation that is believed; greater ones are believed the more the greater they are.
+_CLEAR = 0.1
+# The least deviation of colours of one surface, as a share of them.
+_LEAST_DEVIATION = 0.01
+# Pixels taken apart at once: bounds memory.
+_PIXELS = 1 << 15
+
+
+class Fringe(NamedTuple):
+    """Parts of nearer surfaces in pixels whose depth is that of a farther one.
+
+    Attributes:
+        at: [n, 2] rows and columns.
+        layer: [n, C + 1], colour premultiplied by coverage, then coverage.
+        signed_radius: [n] px.
+    """
+
+    at: Tensor
+    layer: Tensor
+    signed_radius: Tensor
+
+
+class Unmixed(NamedTuple):
+    """A picture in which every pixel has the colour of its own surface.
+
+    Attributes:
+        color: [C, H, W], not premultiplied by coverage.
+        coverage: [1, H, W], the share of each pixel that its own surface covers, if it is the
+            nearer one of two; what is behind shows through the rest.
+        fringe: What nearer surfaces cover of pixels of farther ones; None if there is nothing.
+    """
+
+    color: Tensor
+    coverage: Tensor
+    fringe: Fringe | None
+
+
+def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
+    """Take mixed pixels apart.
+
+    Pixels beside which one of the two surfaces is nowhere seen alone, as in wires a pixel wide, are
+    left as they are.
+
+    Args:
+        image: [C, H, W] linear.
+        signed_radius: [H, W] px.
+    """
+    r = signed_radius.detach()
+    framed = pad(r[None], (1, 1, 1, 1), mode="replicate")
+    nearest = -max_pool2d(-framed, 3, 1)[0]
+    farthest = max_pool2d(framed, 3, 1)[0]
+    edge = farthest - nearest > _EDGE
+    coverage = torch.ones_like(image[:1])
+    places = torch.nonzero(edge)
+    if not len(places):
+        return Unmixed(image, coverage, None)
+    border = (nearest + farthest) / 2
+    found = [
+        _taken_apart(image, signed_radius, edge, border, at) for at in torch.split(places, _PIXELS)
+    ]
+    at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*found, strict=True))
+    place = (at[:, 0], at[:, 1])
+    color = image.movedim(0, -1).index_put(place, own).movedim(-1, 0)
+    coverage = coverage[0].index_put(place, share)[None]
+    return Unmixed(color, coverage, Fringe(fringe_at, fringe, fringe_radius))
+
+
+class _Side(NamedTuple):
+    """One of the two surfaces beside n pixels.
+
+    Attributes:
+        mean: [n, C] colour.
+        variance: [n, C] of colour.
+        signed_radius: [n] px.
+        known: [n] bool, whether it is seen without the other.
+    """
+
+    mean: Tensor
+    variance: Tensor
+    signed_radius: Tensor
+    known: Tensor
+
+
+def _taken_apart(
+    image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
+) -> tuple[Tensor, ...]:
+    """Those of the pixels at [n, 2] that are mixed, and what they hold.
+
+    Returns:
+        Place, colour and coverage of pixels; place, layer and radius of the fringe in them.
+    """
+    H, W = edge.shape
+    offset = torch.arange(-_AROUND, _AROUND + 1, device=at.device)
+    dy, dx = (d.flatten() for d in torch.meshgrid(offset, offset, indexing="ij"))
+    y = (at[:, :1] + dy).clamp(0, H - 1)
+    x = (at[:, 1:] + dx).clamp(0, W - 1)  # [n, 25]
+    colors, radii, alone = image[:, y, x].movedim(0, -1), signed_radius[y, x], ~edge[y, x]
+    middle = len(dy) // 2
+    is_near = radii.detach() < border[at[:, 0], at[:, 1]][:, None]  # [n, 25]
+    nearness = torch.exp(-(dy * dy + dx * dx).to(colors.dtype) / 4)
+    near = _side(colors, radii, is_near & alone, nearness)
+    far = _side(colors, radii, ~is_near & alone, nearness)
+    own_near = is_near[:, middle]
+    color = colors[:, middle]
+    alpha = _mixture(color, near, far, own_near.to(color.dtype))
+    alpha = torch.where(own_near, alpha.clamp(0.5, 1), alpha.clamp(0, 0.5))[:, None]
+    weights = (alpha * near.variance, (1 - alpha) * far.variance)
+    residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
+        alpha * weights[0] + (1 - alpha) * weights[1]
+    )
+    least, most = colors.amin(1), colors.amax(1)
+    near_color, far_color = (
+        torch.minimum(torch.maximum(side.mean + residual * weight, least), most)
+        for side, weight in zip((near, far), weights, strict=True)
+    )
+    known = near.known & far.known
+    own = torch.where(own_near[:, None], near_color, far_color)[known]
+    coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
+    behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
+    fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
+    return at[known], own, coverage, at[behind], fringe[behind], near.signed_radius[behind]
+
+
+def _side(colors: Tensor, radii: Tensor, chosen: Tensor, nearness: Tensor) -> _Side:
+    """The surface of the chosen of [n, 25] pixels, the nearer ones counting more."""
+    weight = chosen * nearness
+    total = weight.sum(1, keepdim=True)
+    weight = weight / torch.where(total > 0, total, 1.0)
+    mean = (colors * weight[:, :, None]).sum(1)
+    spread = ((colors - mean[:, None]) ** 2 * weight[:, :, None]).sum(1)
+    tiny = torch.finfo(mean.dtype).tiny ** 0.5
+    variance = spread + (_LEAST_DEVIATION * mean) ** 2 + tiny
+    return _Side(mean, variance, (radii * weight).sum(1), total[:, 0] > 0)
+
+
+def _mixture(color: Tensor, near: _Side, far: _Side, own: Tensor) -> Tensor:
+    """The most probable α [n] of colours [n, C] = α near + (1 - α) far, if `own` [n] is expected.
+
+    What is not clearly mixed is not taken apart: small deviations count as none.
+    """
+    variance = (near.variance + far.variance) / 2
+    apart = near.mean - far.mean
+    evidence = (apart * apart / variance).sum(1)
+    observed = (apart * (color - far.mean) / variance).sum(1)
+    deviation = (observed - own * evidence) / (_EXPECTED**-2 + evidence)
+    clear = deviation.abs() > _CLEAR
+    return own + torch.where(clear, deviation - _CLEAR**2 / torch.where(clear, deviation, 1.0), 0.0)

@@ -1,0 +1,75 @@
+"""Slopes of the radius: of a pixel's own surface, and what they are for."""
+
+import pytest
+import torch
+from measures import inner, psnr, worst
+from scenes import pattern
+
+from defocus_core import render
+from defocus_core.slopes import slopes
+
+SIZE = (40, 60)
+
+
+def ramp(across: float, down: float) -> torch.Tensor:
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    return across * x + down * y[:, None]
+
+
+@pytest.mark.parametrize(("across", "down"), [(0.0, 0.0), (0.2, -0.1), (-0.6, 0.5)])
+def test_the_slope_of_a_plane_is_its_gradient(across: float, down: float) -> None:
+    assert worst(slopes(ramp(across, down))[0], across) < 1e-12
+    assert worst(slopes(ramp(across, down))[1], down) < 1e-12
+
+
+def test_an_edge_is_no_slope() -> None:
+    """Beside a step of 9 px a level surface is level, to 1e-3 px per px."""
+    radius = torch.zeros(SIZE, dtype=torch.float64)
+    radius[:, 30:] = 9.0
+    assert worst(slopes(radius), 0.0) < 1e-3
+
+
+def test_no_slope_is_longer_than_one() -> None:
+    lengths = (slopes(ramp(3.0, -4.0)) ** 2).sum(0).sqrt()
+    assert worst(lengths, 1.0) < 1e-12
+
+
+def lens_view(steepness: float, samples: int) -> torch.Tensor:
+    """Waves on a plane of radius s (x - x0): lens point u sees x + u s (x - x0) at x, exactly.
+
+    Solved for the pixel q that lands on x: q = (x + s u.x x0) / (1 + s u.x), down q = y - r(q) u.y.
+    """
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    y, x, x0 = y[:, None], x[None, :], SIZE[1] / 2
+    total, count = torch.zeros(3, *SIZE, dtype=torch.float64), 0
+    steps = (torch.arange(samples, dtype=torch.float64) + 0.5) / samples * 2 - 1
+    for ux in steps.tolist():
+        for uy in steps.tolist():
+            if ux * ux + uy * uy > 1:
+                continue
+            q = (x + steepness * ux * x0) / (1 + steepness * ux)
+            total += waves(q, y - steepness * (q - x0) * uy)
+            count += 1
+    return total / count
+
+
+def waves(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    phases = [(1.0, 0.3), (-0.4, 1.0), (0.7, 0.7)]
+    return 0.5 + 0.4 * torch.stack([torch.sin(0.35 * (a * x + b * y) + 2 * a) for a, b in phases])
+
+
+@pytest.mark.parametrize(("steepness", "at_least"), [(0.2, 52.0), (0.5, 45.0), (0.8, 39.0)])
+def test_a_steep_plane_is_seen_as_densely_as_the_lens_sees_it(
+    steepness: float, at_least: float
+) -> None:
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    image = waves(x[None, :].expand(SIZE), y[:, None].expand(SIZE))
+    radius = (steepness * (x - SIZE[1] / 2)).expand(SIZE).clone()
+    truth = inner(lens_view(steepness, 40), 15)
+    assert psnr(inner(render(image, radius).render, 15), truth) > at_least
+
+
+def test_a_level_picture_does_not_know_of_slopes() -> None:
+    image, radius = pattern(SIZE), torch.full(SIZE, 5.0, dtype=torch.float64)
+    assert worst(slopes(radius), 0.0) == 0
+    assert render(image, radius).render.shape == image.shape
