@@ -45,6 +45,8 @@ def kernel_spectra(
     window: tuple[int, int],
     aperture: Aperture,
     parts: list[Part],
+    *,
+    leaning: bool = False,
 ) -> Tensor:
     """Transforms of the kernels of all parts.
 
@@ -54,52 +56,31 @@ def kernel_spectra(
         window: (height, width) of the transform, at least 2 extent + 1 each.
         aperture: The pupil.
         parts: M parts of it.
+        leaning: Kernels times u.x and times u.y, for tilted surfaces.
 
     Returns:
-        [K, M, window height, window width // 2 + 1], centred on pixel (0, 0).
+        [K, M, window height, window width // 2 + 1], centred on pixel (0, 0); [K, 2, M, ...] if
+        leaning.
     """
-    return _transformed(_kernels(radii, extent, aperture, parts), extent, window)
-
-
-def leaning_spectra(
-    radii: Tensor,
-    extent: int,
-    window: tuple[int, int],
-    aperture: Aperture,
-    parts: list[Part],
-) -> Tensor:
-    """Transforms of the kernels of all parts times the lens point u, for tilted surfaces.
-
-    u is offset / r; the mean of u² over a round pupil is 1/4, for which pixels that are sampled
-    by area, 1/12 px² wider, are made up. It is at most 1 long: a tilted kernel is never negative.
-
-    Args:
-        radii: As for `kernel_spectra`.
-        extent: The same.
-        window: The same.
-        aperture: The same.
-        parts: The same.
-
-    Returns:
-        [K, 2, M, window height, window width // 2 + 1], times u.x and u.y.
-    """
-    sampled, size = _kernels(radii, extent, aperture, parts), 2 * extent + 1
-    offset = torch.arange(-extent, extent + 1, dtype=radii.dtype)
-    x = (offset * (radii / (radii * radii + 1 / 3))[:, None, None]).expand(-1, size, -1)
-    u = torch.stack([x, x.mT], 1)  # [K, 2, S, S]
-    u = u / (u * u).sum(1, keepdim=True).sqrt().clamp(min=1)
-    return _transformed(sampled[:, None] * u[:, :, None], extent, window)
-
-
-def _kernels(radii: Tensor, extent: int, aperture: Aperture, parts: list[Part]) -> Tensor:
-    return torch.stack([kernel(radii, 2 * extent + 1, aperture, part) for part in parts], 1)
-
-
-def _transformed(kernels: Tensor, extent: int, window: tuple[int, int]) -> Tensor:
     size = 2 * extent + 1
+    kernels = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)
+    if leaning:
+        kernels = kernels[:, None] * _lens_points(radii, extent)[:, :, None]
     padded = torch.nn.functional.pad(kernels, (0, window[1] - size, 0, window[0] - size))
     spectra: Tensor = torch.fft.rfft2(padded.roll((-extent, -extent), (-2, -1)))
     return spectra
+
+
+def _lens_points(radii: Tensor, extent: int) -> Tensor:
+    """The lens point u that blurs to each pixel: [K, 2, S, S], x then y.
+
+    u is offset / r; the mean of u² over a round pupil is 1/4, for which kernels sampled by area,
+    1/12 px² wider, are made up. It is at most 1 long: a tilted kernel is never negative.
+    """
+    offset = torch.arange(-extent, extent + 1, dtype=radii.dtype)
+    x = (offset * (radii / (radii * radii + 1 / 3))[:, None, None]).expand(-1, len(offset), -1)
+    u = torch.stack([x, x.mT], 1)
+    return u / (u * u).sum(1, keepdim=True).sqrt().clamp(min=1)
 
 
 def crop_inverse(

@@ -23,7 +23,9 @@ _DECAY = 0.70710678
 # How much farther, in px of radius, than the surface in front of it hidden content must be.
 _STEP = 0.5
 # The middle share of the distance from a near to a far radius, in which a border tells them apart.
-_WELL_BETWEEN = 0.5
+_WELL_BETWEEN = 0.9
+# The share of its radius by which a surface must be farther for a border to be made for it.
+_CLOSE = 0.2
 # Radii are compared in units of 1 / 8 px.
 _GRAINS = 8
 
@@ -42,18 +44,23 @@ class HiddenLayer(NamedTuple):
     mask: Tensor
 
 
-def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> HiddenLayer:
+def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
     Args:
         image: [C, H, W] linear.
         signed_radius: [H, W] px.
         threads: Borders between near and far radii that are continued at once.
+
+    Returns:
+        None if nothing is hidden.
     """
     r = signed_radius.detach()
     shown = revealed(r)
     wanted = shown > r + _STEP
     at = torch.nonzero(wanted)
+    if not len(at):
+        return None
     near, far = r[wanted], shown[wanted]
     values = torch.cat([image, signed_radius[None], torch.ones_like(image[:1])])
     found = values[:-1, at[:, 0], at[:, 1]].T  # stays where nothing is farther
@@ -69,19 +76,22 @@ def hidden_layer(image: Tensor, signed_radius: Tensor, threads: int = 1) -> Hidd
 
     for here, values_there in threaded(behind, range(len(borders)), threads):
         found = found.index_put((here,), values_there)
-    place = (at[:, 0], at[:, 1])
-    color = torch.zeros_like(image.movedim(0, -1)).index_put(place, found[:, :-1]).movedim(-1, 0)
-    radius = signed_radius.index_put(place, found[:, -1])
-    return HiddenLayer(color, radius, wanted & (radius.detach() > r + _STEP))
+    index = at[:, 0] * r.shape[1] + at[:, 1]
+    color = torch.zeros_like(image).flatten(1).index_copy(1, index, found[:, :-1].T)
+    radius = signed_radius.flatten().index_copy(0, index, found[:, -1]).reshape(r.shape)
+    return HiddenLayer(color.reshape(image.shape), radius, wanted & (radius.detach() > r + _STEP))
 
 
 def _borders(near: Tensor, far: Tensor) -> list[float]:
     """Few radii, ascending, of which one lies well between each pair of near and far ones.
 
-    Pairs are told apart to 1/8 px, or to 1/8 of their distance.
+    Pairs are told apart to 1/8 px, or to 1/8 of their distance. Pairs that are close make no
+    border of their own.
     """
     if not near.numel():
         return []
+    apart = far - near > ((near + far).abs() * (_CLOSE / 2)).clamp(min=_EDGE)
+    near, far = (near[apart], far[apart]) if bool(apart.any()) else (near, far)
     unit = (far - near).log2().floor().sub(3).exp2().clamp(min=1 / _GRAINS)
     low = ((near / unit).floor() * unit * _GRAINS).long()
     high = ((far / unit).ceil() * unit * _GRAINS).long()
@@ -112,6 +122,8 @@ def revealed(r: Tensor) -> Tensor:
     the greatest of r_far - |q - far| over all of them (a dilation by a cone).
     """
     shown = torch.full_like(r, -torch.inf)
+    if not any(bool((r.diff(dim=dim).abs() > _EDGE).any()) for dim in (0, 1)):
+        return shown
     for dim in (0, 1):
         n = r.shape[dim] - 1
         if n < 1:

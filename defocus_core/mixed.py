@@ -26,7 +26,7 @@ _CLEAR = 0.1
 # The least deviation of colours of one surface, as a share of them.
 _LEAST_DEVIATION = 0.01
 # Pixels taken apart at once: bounds memory.
-_PIXELS = 1 << 15
+_PIXELS = 1 << 12
 
 
 class Fringe(NamedTuple):
@@ -50,12 +50,12 @@ class Unmixed(NamedTuple):
         color: [C, H, W], not premultiplied by coverage.
         coverage: [1, H, W], the share of each pixel that its own surface covers, if it is the
             nearer one of two; what is behind shows through the rest.
-        fringe: What nearer surfaces cover of pixels of farther ones; None if there is nothing.
+        fringe: What nearer surfaces cover of pixels of farther ones.
     """
 
     color: Tensor
     coverage: Tensor
-    fringe: Fringe | None
+    fringe: Fringe
 
 
 def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
@@ -69,23 +69,33 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
         signed_radius: [H, W] px.
     """
     r = signed_radius.detach()
+    steps = [float(r.diff(dim=dim).abs().max()) for dim in (0, 1) if r.shape[dim] > 1]
+    if 2 * sum(steps) <= _EDGE:  # the range of nine pixels
+        return _whole(image, signed_radius)
     framed = pad(r[None], (1, 1, 1, 1), mode="replicate")
     nearest = -max_pool2d(-framed, 3, 1)[0]
     farthest = max_pool2d(framed, 3, 1)[0]
     edge = farthest - nearest > _EDGE
-    coverage = torch.ones_like(image[:1])
     places = torch.nonzero(edge)
     if not len(places):
-        return Unmixed(image, coverage, None)
+        return _whole(image, signed_radius)
     border = (nearest + farthest) / 2
     found = [
         _taken_apart(image, signed_radius, edge, border, at) for at in torch.split(places, _PIXELS)
     ]
     at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*found, strict=True))
-    place = (at[:, 0], at[:, 1])
-    color = image.movedim(0, -1).index_put(place, own).movedim(-1, 0)
-    coverage = coverage[0].index_put(place, share)[None]
+    index = at[:, 0] * edge.shape[1] + at[:, 1]
+    color = image.flatten(1).index_copy(1, index, own.T).reshape(image.shape)
+    coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, share)
+    coverage = coverage.reshape(image[:1].shape)
     return Unmixed(color, coverage, Fringe(fringe_at, fringe, fringe_radius))
+
+
+def _whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
+    coverage = torch.ones_like(image[:1])
+    nothing = torch.cat([image, coverage])[:, :0, 0].T
+    nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
+    return Unmixed(image, coverage, Fringe(nowhere, nothing, signed_radius[0, :0]))
 
 
 class _Side(NamedTuple):
@@ -115,27 +125,27 @@ def _taken_apart(
     H, W = edge.shape
     offset = torch.arange(-_AROUND, _AROUND + 1, device=at.device)
     dy, dx = (d.flatten() for d in torch.meshgrid(offset, offset, indexing="ij"))
-    y = (at[:, :1] + dy).clamp(0, H - 1)
-    x = (at[:, 1:] + dx).clamp(0, W - 1)  # [n, 25]
-    colors, radii, alone = image[:, y, x].movedim(0, -1), signed_radius[y, x], ~edge[y, x]
+    place = (at[:, :1] + dy).clamp(0, H - 1) * W + (at[:, 1:] + dx).clamp(0, W - 1)  # [n, 25]
+    radii, alone = signed_radius.flatten()[place], ~edge.flatten()[place]
+    is_near = radii.detach() < border[at[:, 0], at[:, 1]][:, None]
+    nearness = torch.exp(-(dy * dy + dx * dx).to(image.dtype) / 4) * alone
+    colors = image.flatten(1)[:, place].movedim(0, 1)  # [n, C, 25]
+    values = torch.cat([colors, colors * colors, radii[:, None]], 1)
+    near, far = (_side(values, nearness * side) for side in (is_near, ~is_near))
     middle = len(dy) // 2
-    is_near = radii.detach() < border[at[:, 0], at[:, 1]][:, None]  # [n, 25]
-    nearness = torch.exp(-(dy * dy + dx * dx).to(colors.dtype) / 4)
-    near = _side(colors, radii, is_near & alone, nearness)
-    far = _side(colors, radii, ~is_near & alone, nearness)
-    own_near = is_near[:, middle]
-    color = colors[:, middle]
+    own_near, color = is_near[:, middle], colors[..., middle]
     alpha = _mixture(color, near, far, own_near.to(color.dtype))
     alpha = torch.where(own_near, alpha.clamp(0.5, 1), alpha.clamp(0, 0.5))[:, None]
     weights = (alpha * near.variance, (1 - alpha) * far.variance)
     residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
         alpha * weights[0] + (1 - alpha) * weights[1]
     )
-    least, most = colors.amin(1), colors.amax(1)
     near_color, far_color = (
-        torch.minimum(torch.maximum(side.mean + residual * weight, least), most)
+        _within(side, color, side.mean + residual * weight)
         for side, weight in zip((near, far), weights, strict=True)
     )
+    near_color = torch.where(alpha == 1, color, near_color)
+    far_color = torch.where(alpha == 0, color, far_color)
     known = near.known & far.known
     own = torch.where(own_near[:, None], near_color, far_color)[known]
     coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
@@ -144,16 +154,33 @@ def _taken_apart(
     return at[known], own, coverage, at[behind], fringe[behind], near.signed_radius[behind]
 
 
-def _side(colors: Tensor, radii: Tensor, chosen: Tensor, nearness: Tensor) -> _Side:
-    """The surface of the chosen of [n, 25] pixels, the nearer ones counting more."""
-    weight = chosen * nearness
+def _side(values: Tensor, weight: Tensor) -> _Side:
+    """The surface of some of the pixels around others.
+
+    Args:
+        values: [n, 2 C + 1, 25] colour, its square, radius.
+        weight: [n, 25], 0 where it is another surface.
+    """
     total = weight.sum(1, keepdim=True)
     weight = weight / torch.where(total > 0, total, 1.0)
-    mean = (colors * weight[:, :, None]).sum(1)
-    spread = ((colors - mean[:, None]) ** 2 * weight[:, :, None]).sum(1)
+    means = (values @ weight[:, :, None])[..., 0]
+    C = values.shape[1] // 2
+    mean, radius = means[:, :C], means[:, -1]
     tiny = torch.finfo(mean.dtype).tiny ** 0.5
+    spread = (means[:, C:-1] - mean * mean).clamp(min=0)
     variance = spread + (_LEAST_DEVIATION * mean) ** 2 + tiny
-    return _Side(mean, variance, (radii * weight).sum(1), total[:, 0] > 0)
+    return _Side(mean, variance, radius, total[:, 0] > 0)
+
+
+def _within(side: _Side, mixed: Tensor, color: Tensor) -> Tensor:
+    """A colour in the range of its surface, of two deviations, and of the pixel it is taken from.
+
+    Not negative, unless the pixel is.
+    """
+    reach = 2 * side.variance.sqrt()
+    color = torch.maximum(color, torch.minimum(side.mean - reach, mixed))
+    color = torch.minimum(color, torch.maximum(side.mean + reach, mixed))
+    return torch.maximum(color, mixed.clamp(max=0))
 
 
 def _mixture(color: Tensor, near: _Side, far: _Side, own: Tensor) -> Tensor:

@@ -64,16 +64,22 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
-    ladder = torch.tensor(radii, dtype=signed_radius.dtype, device=signed_radius.device)
-    lower = torch.searchsorted(ladder, signed_radius.detach().contiguous(), right=True) - 1
-    lower = lower.clamp(0, len(radii) - 2)
-    low, high = ladder[lower], ladder[lower + 1]
-    r = torch.minimum(torch.maximum(signed_radius, low), high)
+    ladder = torch.tensor(radii, dtype=torch.float64)
+    low, high = ladder[:-1], ladder[1:]
+    square, width = high * high - low * low, high - low
     one_side = low * high >= 0
-    moment = torch.where(one_side, high * high - low * low, 1.0)
-    width = torch.where(high > low, high - low, 1.0)
-    share = torch.where(one_side & (high > low), (r * r - low * low) / moment, (r - low) / width)
-    return lower + share
+    # between two rungs the share is a r² + b r + c
+    a = torch.where(one_side & (square != 0), 1 / square, 0.0)
+    b = torch.where(~one_side & (width != 0), 1 / width, 0.0)
+    c = -a * low * low - b * low
+    a, b, c, inner = (
+        t.to(signed_radius.device, signed_radius.dtype) for t in (a, b, c, ladder[1:-1])
+    )
+    lower = torch.bucketize(signed_radius.detach(), inner, right=True)
+    share = torch.addcmul(c[lower], a[lower], signed_radius * signed_radius)
+    if bool(b.any()):
+        share = share.addcmul(b[lower], signed_radius)
+    return lower + share.clamp(0, 1)
 
 
 def membership(places: Tensor, slices: Tensor) -> Tensor:

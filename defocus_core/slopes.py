@@ -10,21 +10,49 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 # Slopes in px per px that may be a plain mean.
 _SMALL = 0.05
+# Px to each side of a pixel, and the share of those that must be steep.
+_AROUND = 5
+_AREA = 1 / 3
 
 
-def slopes(signed_radius: Tensor) -> Tensor:
+def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     """∇r in px per px, x then y: [2, H, W] of radii [H, W]; at most 1 long.
 
     At an edge of depth it is the slope of the pixel's own surface. Beyond a length of 1 some lens
     points see its back.
+
+    Args:
+        signed_radius: [H, W] px.
+        least: Slopes up to this are left out, and so are steep lines, like the limb of a ball:
+            what is steep counts if it is a third of the pixels around.
+
+    Returns:
+        None if nothing is left.
     """
     gradient = torch.stack([_limited(signed_radius, -1), _limited(signed_radius, -2)])
     square = (gradient * gradient).sum(0)
-    steep = square > 1
-    return gradient * torch.where(steep, torch.where(steep, square, 1.0).rsqrt(), 1.0)
+    steep = square.detach() > least * least
+    if not bool(steep.any()):
+        return None
+    if least:
+        steep &= _share_around(steep) > _AREA
+        if not bool(steep.any()):
+            return None
+    long = square > 1
+    return gradient * torch.where(long, torch.where(long, square, 1.0).rsqrt(), 1.0) * steep
+
+
+def _share_around(mask: Tensor) -> Tensor:
+    """The share of a mask [H, W] in the square around each pixel."""
+    size = 2 * _AROUND + 1
+    share = mask[None].to(torch.float32)
+    for kernel, edge in (((size, 1), (_AROUND, 0)), ((1, size), (0, _AROUND))):
+        share = avg_pool2d(share, kernel, stride=1, padding=edge, count_include_pad=False)
+    return share[0]
 
 
 def _limited(r: Tensor, dim: int) -> Tensor:

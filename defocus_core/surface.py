@@ -8,23 +8,31 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.mixed import Fringe
-from defocus_core.slicing import membership, position
-from defocus_core.tiling import Tile, blocks_at, blocks_of, visible_slices
+from defocus_core.slicing import membership
+from defocus_core.tiling import Grid, blocks_at, blocks_of, visible_slices
+
+# Samples on a side of the blocks by which points are found.
+_BLOCK = 32
 
 
-class Ladder(NamedTuple):
-    """The slices of a surface.
+class Samples(NamedTuple):
+    """A layer of the scene as samples with positions on the ladder of slices.
 
     Attributes:
-        radii: Of all slices of the frame.
-        reaches: Px that each spreads.
-        stride: The surface uses every slice (1) or every other (2).
+        layer: [C + 1, H, W], premultiplied, the last channel coverage.
+        places: [H, W] positions.
+        at: [n, 2] rows and columns of further samples.
+        extra: [n, C + 1] further samples: parts of nearer surfaces in the same pixels.
+        extra_places: [n] their positions.
+        slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
     """
 
-    radii: tuple[float, ...]
-    reaches: list[int]
-    stride: int = 1
+    layer: Tensor
+    places: Tensor
+    at: Tensor
+    extra: Tensor
+    extra_places: Tensor
+    slopes: Tensor | None
 
 
 class Margins(NamedTuple):
@@ -36,140 +44,128 @@ class Margins(NamedTuple):
 
 
 class Surface:
-    """Pixels with colour, coverage and radius, and what of them each tile of a grid can see.
+    """A layer of the scene, and what of it each tile of a grid can see.
 
     Attributes:
-        plan: For each tile the indices of the slices that reach it, nearest first.
+        plan: For each tile the rungs that reach it, nearest first.
         tilted_plan: Those of them that have slopes there.
     """
 
     def __init__(
         self,
-        layer: Tensor,
-        signed_radius: Tensor,
-        ladder: Ladder,
-        grid: list[Tile],
+        samples: Samples,
+        reaches: list[int],
+        grid: Grid,
         margins: Margins,
-        *,
-        mask: Tensor | None = None,
-        fringe: Fringe | None = None,
-        slopes: Tensor | None = None,
     ) -> None:
-        """Slice a layer.
+        """Plan the slices of a layer.
 
         Args:
-            layer: [C + 1, H, W], premultiplied, the last channel coverage.
-            signed_radius: [H, W] px.
-            ladder: The slices.
+            samples: The layer.
+            reaches: Px that each rung spreads.
             grid: The tiles.
             margins: Around the frame.
-            mask: [H, W] bool, which pixels exist; None if all do.
-            fringe: Further samples.
-            slopes: [2, H, W], 0 where they are to be neglected; None if everywhere.
         """
-        before, beside, below = margins
-        frame = (before, beside, before, below)
-        self._margin = before
-        self._stride = ladder.stride
-        radii, reaches = ladder.radii[:: ladder.stride], ladder.reaches[:: ladder.stride]
-        places = position(signed_radius, radii)
-        blocks = blocks_of(places, len(radii), mask)
-        self._fringe = None
-        if fringe is not None and len(fringe.at):
-            self._fringe = _Points(fringe, radii, grid, before)
-            size = (places.shape[0], places.shape[1])
-            blocks |= blocks_at(self._fringe.places, fringe.at, len(radii), size)
-        self.plan = self._strided(visible_slices(blocks, reaches, grid))
-        self.tilted_plan: list[list[int]] = [[] for _ in grid]
+        self._before = margins.before
+        self._rungs = count = len(reaches)
+        self._columns = grid.columns
+        self._side = grid.side
+        exists = samples.layer[-1].detach() > 0
+        size = (samples.places.shape[0], samples.places.shape[1])
+        blocks = blocks_of(samples.places, count, exists)
+        if len(samples.at):
+            blocks |= blocks_at(samples.extra_places, samples.at, count, size)
+        self.plan = visible_slices(blocks, reaches, grid.tiles)
+        self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
+        frame = (margins.before, margins.beside, margins.before, margins.below)
         self._slopes = None
-        if slopes is not None and bool(slopes.any()):
-            tilted = blocks_of(places, len(radii), slopes.detach().any(0))
-            self.tilted_plan = self._strided(visible_slices(tilted, reaches, grid))
-            self._slopes = pad(slopes, frame)
-        self._layer = pad(layer if mask is None else layer * mask, frame)
-        self._places = pad(places, frame)
+        if samples.slopes is not None:
+            tilted = blocks_of(samples.places, count, samples.slopes.detach().any(0))
+            self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
+            self._slopes = pad(samples.slopes, frame)
+        self._layer = pad(samples.layer, frame)
+        self._places = pad(samples.places, frame)
+        self._extra = _Points(samples)
 
-    def _strided(self, plan: list[list[int]]) -> list[list[int]]:
-        return [[k * self._stride for k in slices] for slices in plan]
-
-    def members(
-        self, index: int, box: Tile, margin: int, size: tuple[int, int], slices: list[int]
-    ) -> Tensor:
+    def members(self, index: int, margin: int, size: tuple[int, int], rungs: list[int]) -> Tensor:
         """Slices within a window around a tile, [k, C + 1, height, width].
 
         Args:
             index: Of the tile.
-            box: The tile.
             margin: Px of the window above and to the left of the tile.
             size: (height, width) of the window.
-            slices: Their indices.
+            rungs: Their numbers on the ladder.
         """
-        rungs = [k // self._stride for k in slices]
-        rows, columns = self._window(box, margin, size)
+        rows, columns = self._window(index, margin, size)
         numbers = torch.tensor(rungs, dtype=self._places.dtype, device=self._places.device)
         shares = membership(self._places[rows, columns], numbers)
         pixels = self._layer[:, rows, columns] * shares[:, None]
-        if self._fringe is None:
-            return pixels
-        return self._fringe.added(pixels, index, box, margin, rungs)
+        corner = (rows.start - self._before, columns.start - self._before)
+        return self._extra.added(pixels, corner, rungs, self._rungs)
 
-    def empty(self, parts: int, box: Tile) -> Tensor:
-        """Nothing seen yet: zeros [M, C + 1, h, w] of a tile."""
-        return self._layer.new_zeros(parts, len(self._layer), box.height, box.width)
-
-    def slopes(self, box: Tile, margin: int, size: tuple[int, int]) -> Tensor:
+    def slopes(self, index: int, margin: int, size: tuple[int, int]) -> Tensor:
         """[2, height, width] within a window around a tile that has tilted slices."""
         assert self._slopes is not None
-        rows, columns = self._window(box, margin, size)
+        rows, columns = self._window(index, margin, size)
         return self._slopes[:, rows, columns]
 
-    def _window(self, box: Tile, margin: int, size: tuple[int, int]) -> tuple[slice, slice]:
-        top, left = box.top + self._margin - margin, box.left + self._margin - margin
+    def _window(self, index: int, margin: int, size: tuple[int, int]) -> tuple[slice, slice]:
+        row, column = divmod(index, self._columns)
+        top, left = (n * self._side + self._before - margin for n in (row, column))
         return slice(top, top + size[0]), slice(left, left + size[1])
 
 
 class _Points:
-    """Samples of a fringe, sorted by tile."""
+    """The further samples of a layer, sorted by blocks."""
 
-    def __init__(
-        self, fringe: Fringe, radii: tuple[float, ...], grid: list[Tile], margin: int
-    ) -> None:
-        self.places = position(fringe.signed_radius, radii)
-        self._rungs = len(radii)
-        self._at = fringe.at
-        self._layer = fringe.layer
-        self._columns = sum(1 for box in grid if box.top == 0)
-        height, width = grid[0].height, grid[0].width
-        self._around = -(-margin // min(height, width))
-        tile = fringe.at[:, 0] // height * self._columns + fringe.at[:, 1] // width
-        self._order = tile.argsort(stable=True)
-        counts = torch.bincount(tile, minlength=len(grid))
+    def __init__(self, samples: Samples) -> None:
+        self._at, self._layer, self._places = samples.at, samples.extra, samples.extra_places
+        rows, columns = (-(-n // _BLOCK) for n in samples.places.shape)
+        self._rows, self._columns = rows, columns
+        block = self._at.div(_BLOCK, rounding_mode="floor")
+        block = block[:, 0] * columns + block[:, 1]
+        self._order = block.argsort(stable=True)
+        counts = torch.bincount(block, minlength=rows * columns)
         self._starts = [0, *counts.cumsum(0).tolist()]
 
-    def _near(self, index: int) -> Tensor:
-        """Indices of the points in the tiles around a tile."""
-        row, column = divmod(index, self._columns)
-        rows = (len(self._starts) - 1) // self._columns
-        first, last = max(column - self._around, 0), min(column + self._around + 1, self._columns)
-        above, below = max(row - self._around, 0), min(row + self._around + 1, rows)
+    def _near(self, corner: tuple[int, int], size: tuple[int, int]) -> Tensor:
+        """Indices of the points in the blocks that a window touches."""
+        above, first = (max(n // _BLOCK, 0) for n in corner)
+        below = min((corner[0] + size[0] - 1) // _BLOCK + 1, self._rows)
+        last = min((corner[1] + size[1] - 1) // _BLOCK + 1, self._columns)
         starts = [y * self._columns for y in range(above, below)]
         return torch.cat(
             [self._order[self._starts[s + first] : self._starts[s + last]] for s in starts]
         )
 
-    def added(self, pixels: Tensor, index: int, box: Tile, margin: int, rungs: list[int]) -> Tensor:
-        """Slices [k, C + 1, height, width] of a window with the points of the fringe in it."""
-        near = self._near(index)
-        if not len(near):
+    def added(
+        self,
+        pixels: Tensor,
+        corner: tuple[int, int],
+        rungs: list[int],
+        count: int,
+    ) -> Tensor:
+        """Slices [k, C + 1, height, width] of a window with the points that lie in it.
+
+        Args:
+            pixels: Without.
+            corner: First row and column of the window.
+            rungs: Of the slices.
+            count: Rungs in all.
+        """
+        if self._starts[-1] == 0:
             return pixels
         channels, height, width = pixels.shape[1:]
-        y = self._at[near, 0] - (box.top - margin)
-        x = self._at[near, 1] - (box.left - margin)
-        inside = (y >= 0) & (y < box.height + 2 * margin) & (x >= 0) & (x < box.width + 2 * margin)
-        layer, places = self._layer[near] * inside[:, None], self.places[near]
+        near = self._near(corner, (height, width))
+        if not len(near):
+            return pixels
+        y = self._at[near, 0] - corner[0]
+        x = self._at[near, 1] - corner[1]
+        inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+        layer, places = self._layer[near] * inside[:, None], self._places[near]
         spot = torch.where(inside, y * width + x, 0)[:, None]
         channel = torch.arange(channels, device=pixels.device) * (height * width)
-        slots = torch.full((self._rungs + 1,), -1, device=pixels.device)
+        slots = torch.full((count + 1,), -1, device=pixels.device)
         slots[rungs] = torch.arange(len(rungs), device=pixels.device)
         lower = places.detach().floor()
         flat = pixels.flatten()

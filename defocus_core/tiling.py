@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-TILE = 96
+TILE = 128
 # Px on a side of the blocks in which the presence of slices is recorded.
 _BLOCK = 16
 
@@ -26,27 +26,42 @@ class Tile(NamedTuple):
     width: int
 
 
-def tiles(height: int, width: int, side: int = TILE) -> list[Tile]:
-    """The grid of tiles over a frame, row by row."""
-    return [
+class Grid(NamedTuple):
+    """All tiles of a frame, row by row.
+
+    Attributes:
+        tiles: The tiles; the last of a row or column may be smaller.
+        side: Px of the others.
+        columns: Tiles in a row.
+    """
+
+    tiles: list[Tile]
+    side: int
+    columns: int
+
+
+def grid_over(height: int, width: int, side: int = TILE) -> Grid:
+    """The grid of tiles over a frame."""
+    tiles = [
         Tile(y, x, min(side, height - y), min(side, width - x))
         for y in range(0, height, side)
         for x in range(0, width, side)
     ]
+    return Grid(tiles, side, -(-width // side))
 
 
-def visible_slices(blocks: Tensor, reaches: list[int], grid: list[Tile]) -> list[list[int]]:
+def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Tile]) -> list[list[int]]:
     """For each tile the indices of the slices that reach it, nearest first.
 
     Args:
         blocks: [K, rows, columns] bool, from `blocks_of` and `blocks_at`.
         reaches: Px that each slice spreads.
-        grid: The tiles.
+        tiles: The tiles.
     """
     padded = torch.nn.functional.pad(blocks.to(torch.int32).cpu(), (1, 0, 1, 0))
     count = padded.cumsum(1).cumsum(2)
     rows, columns = blocks.shape[1:]
-    top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*grid, strict=True))
+    top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*tiles, strict=True))
     reach = torch.tensor(reaches)[None]  # [1, K]
     y0 = ((top - reach).clamp(min=0) // _BLOCK).clamp(max=rows)
     x0 = ((left - reach).clamp(min=0) // _BLOCK).clamp(max=columns)
@@ -66,8 +81,8 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
         present: [H, W] bool, which pixels exist; None if all do.
     """
     H, W = places.shape
-    down = torch.arange(H, device=places.device) // _BLOCK
-    across = torch.arange(W, device=places.device) // _BLOCK
+    down = torch.arange(H, dtype=torch.int32, device=places.device) // _BLOCK
+    across = torch.arange(W, dtype=torch.int32, device=places.device) // _BLOCK
     block = down[:, None] * _blocks(W) + across
     if present is not None:
         places, block = places[present], block[present]
@@ -86,7 +101,12 @@ def _blocks(length: int) -> int:
 
 def _marked(places: Tensor, block: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
     rows, columns = map(_blocks, size)
-    found = torch.zeros(slices * rows * columns, dtype=torch.bool, device=places.device)
-    for rung in (places.detach().floor(), places.detach().ceil()):
-        found[rung.long() * (rows * columns) + block] = True
-    return found.reshape(slices, rows, columns)
+    lower = places.detach().floor()
+    between = places.detach() > lower  # the rung above has a share too
+    key = (2 * lower + between).to(torch.int32) * (rows * columns) + block
+    found = torch.zeros((2 * slices, rows * columns), dtype=torch.bool, device=places.device)
+    found.view(-1)[key.flatten().long()] = True
+    alone, both = found.reshape(slices, 2, rows, columns).unbind(1)
+    marked = alone | both
+    marked[1:] |= both[:-1]
+    return marked

@@ -19,7 +19,8 @@ LAYERS = [
     {"lens"},
     {"render"},
     {"frame"},
-    {"highlights", "surface"},
+    {"blur", "highlights"},
+    {"surface", "windows"},
     {"compositing", "convolution", "hidden", "mixed", "slicing", "thin_lens", "tiling"},
     {"aperture", "continuation", "quality", "slopes", "threads"},
 ]

@@ -102,9 +102,8 @@ def test_tiles_leave_no_seam(
     size = (90, 140)
     image, radius = noise(size, dtype), RADII[kind](size).to(dtype)
     whole = render(image, radius)
-    for side in (32, 48):
-        monkeypatch.setattr(frame, "TILE", side)
-        monkeypatch.setattr(frame, "tiles", partial(tiling.tiles, side=side))
+    for side in (32, 64):
+        monkeypatch.setattr(frame, "grid_over", partial(tiling.grid_over, side=side))
         tiled = render(image, radius)
         assert tiled.stats["tiles"] > whole.stats["tiles"]
         seam = tiled.render - whole.render

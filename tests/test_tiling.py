@@ -3,13 +3,13 @@
 import pytest
 import torch
 
-from defocus_core.tiling import TILE, blocks_at, blocks_of, tiles, visible_slices
+from defocus_core.tiling import TILE, blocks_at, blocks_of, grid_over, visible_slices
 
 
 @pytest.mark.parametrize("size", [(1, 1), (128, 128), (129, 300), (40, 1000)])
 def test_tiles_cover_every_pixel_once(size: tuple[int, int]) -> None:
     seen = torch.zeros(size)
-    for box in tiles(*size):
+    for box in grid_over(*size).tiles:
         assert max(box.height, box.width) <= TILE
         seen[box.top : box.top + box.height, box.left : box.left + box.width] += 1
     assert bool((seen == 1).all())
@@ -20,7 +20,7 @@ def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place: tuple[int, int
     """To a block: none is forgotten, none from farther than 16 px beyond its reach is kept."""
     places = torch.zeros(100, 150)
     places[place] = 1.0
-    grid, reaches = tiles(100, 150, side=32), [0, 20]
+    grid, reaches = grid_over(100, 150, side=32).tiles, [0, 20]
     blocks = blocks_of(places, 2)
     for box, plan in zip(grid, visible_slices(blocks, reaches, grid), strict=True):
         down = max(box.top - place[0], place[0] - box.top - box.height + 1, 0)
@@ -33,7 +33,7 @@ def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place: tuple[int, int
 
 
 def test_what_does_not_exist_reaches_nothing() -> None:
-    grid = tiles(40, 40)
+    grid = grid_over(40, 40).tiles
     nothing = torch.zeros(40, 40, dtype=torch.bool)
     blocks = blocks_of(torch.zeros(40, 40), 2, nothing)
     assert visible_slices(blocks, [0, 1], grid) == [[]]
