@@ -148,7 +148,7 @@ class _Points:
         """Slices [k, C + 1, height, width] of a window with the points that lie in it.
 
         Args:
-            pixels: Without.
+            pixels: Without; overwritten.
             corner: First row and column of the window.
             rungs: Of the slices.
             count: Rungs in all.
@@ -168,10 +168,10 @@ class _Points:
         slots = torch.full((count + 1,), -1, device=pixels.device)
         slots[rungs] = torch.arange(len(rungs), device=pixels.device)
         lower = places.detach().floor()
-        flat = pixels.flatten()
+        flat = pixels.view(-1)
         for rung in (lower, lower + 1):
             slot = slots[rung.long()][:, None]
             share = (1 - (places - rung).abs())[:, None] * (slot >= 0)
             target = slot.clamp(min=0) * (channels * height * width) + channel + spot
-            flat = flat.index_add(0, target.flatten(), (layer * share).flatten())
-        return flat.reshape(pixels.shape)
+            flat.index_add_(0, target.flatten(), (layer * share).flatten())
+        return pixels
