@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from defocus_cli.files import unwritable
 from defocus_cli.quantities import length_text
 from defocus_cli.report import version
 
@@ -51,6 +54,7 @@ def deliver(
     warnings: list[str] = []
     with _all_or_nothing(outputs) as written:
         for kind, path in paths.items():
+            written.begin(path)
             attributes = _attributes(outcome, kind)
             if kind in images:
                 lost = write_image(
@@ -65,35 +69,75 @@ def deliver(
                 warnings += [f"{kind}: {warning}" for warning in lost]
             else:
                 write_map(path, maps[kind], kind, attributes=attributes)
-            written.append(path)
             if kind in previews:
+                written.begin(previews[kind])
                 if kind in images:
                     write_preview(previews[kind], images[kind])
                 else:
                     write_coc_preview(previews[kind], maps[kind])
-                written.append(previews[kind])
     return tuple(warnings)
 
 
+class _Replaced:
+    """Files as they are written, and what each of them replaces."""
+
+    def __init__(self) -> None:
+        self._before: dict[Path, Path | None] = {}
+
+    def begin(self, path: Path) -> None:
+        """Keep what is at a path that is about to be written."""
+        kept = path.with_name(f".{path.name[:60]}.{os.getpid()}.before")
+        try:
+            os.link(path, kept)
+        except FileNotFoundError:
+            self._before[path] = None
+        except OSError:  # a directory, or a file system without links
+            if not path.is_file():
+                return
+            try:
+                shutil.copy2(path, kept)
+            except OSError as error:
+                kept.unlink(missing_ok=True)
+                raise unwritable(path, error) from error
+            self._before[path] = kept
+        else:
+            self._before[path] = kept
+
+    def forget(self) -> None:
+        """The new files stay."""
+        for kept in self._before.values():
+            if kept is not None:
+                kept.unlink(missing_ok=True)
+
+    def restore(self) -> None:
+        """The old files come back, and where there were none there is none."""
+        for path, kept in self._before.items():
+            if kept is None:
+                path.unlink(missing_ok=True)
+            else:
+                kept.replace(path)
+                kept.unlink(missing_ok=True)  # two names of one file stay two
+
+
 @contextmanager
-def _all_or_nothing(outputs: Outputs) -> Iterator[list[Path]]:
-    """Collects files as they are written; if the block fails, they and new directories go again."""
+def _all_or_nothing(outputs: Outputs) -> Iterator[_Replaced]:
+    """Files that are written in the block; if it fails, all is as it was before."""
     folders = [
         *(outputs.root / kind for kind in outputs.kinds),
         outputs.root,
         *outputs.root.parents,
     ]
     new = [folder for folder in folders if not folder.exists()]
-    written: list[Path] = []
+    replaced = _Replaced()
     try:
-        yield written
+        yield replaced
     except BaseException:
-        for path in written:
-            path.unlink(missing_ok=True)
+        replaced.restore()
         for folder in new:
             with suppress(OSError):  # it may hold pictures finished before, or never came to be
                 folder.rmdir()
         raise
+    replaced.forget()
 
 
 def _attributes(outcome: Outcome, kind: str) -> dict[str, str]:

@@ -147,12 +147,20 @@ def signed_radius(
 
 
 def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
-    """Which part ``--part`` means in a file; None for one that has no other, if it is not alone."""
-    if reading.part is None or shared:
-        return reading.part
+    """Which part ``--part`` means in a file; None for one that has no other, if it is not alone.
+
+    Raises:
+        InputError: the file holds both colour and depth, and has no such part.
+    """
+    if reading.part is None:
+        return None
     from defocus_cli.images import describe
 
-    return reading.part if len(describe(path).parts) > 1 else None
+    count = len(describe(path).parts)
+    if shared and reading.part >= count:
+        problem = f"has no part {reading.part}, only {count}"
+        raise InputError(path, problem, "leave --part out" if count == 1 else "it counts from 0")
+    return reading.part if count > 1 else None
 
 
 def _read(job: Job) -> tuple[Color, Depth]:

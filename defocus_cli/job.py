@@ -131,17 +131,18 @@ def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
     if not color.is_dir():
         return [Picture(color.stem, color, depth)]
     colors, depths = _by_stem(color, COLOR_SUFFIXES), _by_stem(depth, DEPTH_SUFFIXES)
-    for folder, lone, other in (
-        (color, colors.keys() - depths.keys(), depth),
-        (depth, depths.keys() - colors.keys(), color),
-    ):
-        if lone:
-            names = _some([(colors | depths)[stem].name for stem in sorted(lone)])
-            raise InputError(
-                folder,
-                f"nothing in {other} has the stem of {names}",
-                "name colour and depth files alike or move the unpaired ones away",
-            )
+    lone = [sorted(colors.keys() - depths.keys()), sorted(depths.keys() - colors.keys())]
+    if lone[0] or lone[1]:
+        told = [
+            f"nothing in {other} has the stem of {_some([files[stem].name for stem in stems])}"
+            for stems, files, other in ((lone[0], colors, depth), (lone[1], depths, color))
+            if stems
+        ]
+        raise InputError(
+            color if lone[0] else depth,
+            " and ".join(told),
+            "name colour and depth files alike or move the unpaired ones away",
+        )
     return [Picture(stem, colors[stem], depths[stem]) for stem in sorted(colors)]
 
 
@@ -158,6 +159,11 @@ def make_jobs(
     written = [path for job in jobs for path in job.written]
     _refuse_clashes(written, pictures)
     _refuse_unwritable(outputs)
+    folder = next((path for path in written if path.is_dir()), None)
+    if folder is not None:
+        raise InputError(
+            folder, "is a directory where a file is to be written", "choose another -o"
+        )
     existing = [path for path in written if path.exists()]
     if existing and not outputs.overwrite:
         others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""

@@ -128,8 +128,8 @@ def part_area(aperture: Aperture, part: Part) -> float:
     The kernels of parts that tile the pupil, averaged with these weights, are the kernel of the
     whole. LEFT and RIGHT weigh 1/2 each for a disc, for polygons with an even number of blades and
     for odd ones with a vertex at the top or bottom. Otherwise their areas differ (48.9 : 51.1 %
-    for five blades at 0°): each half image is normalised by its own area, so that white stays
-    white in both, and the centre is their mean by these weights.
+    for five blades at 0°): the centre is the mean of its parts by these weights, and the pair is
+    made to have the centre as its plain mean, with the ratio of halves normalised each by its area.
 
     Returns:
         A number in [0, 1]. Where the pupil is gaussian, the share of its weight, to about 1e-6.

@@ -23,19 +23,22 @@ class Sliced(NamedTuple):
 class Blur:
     """The blur of all slices of a frame, tile by tile."""
 
-    def __init__(self, windows: list[Window], reaches: list[int], grid: Grid, parts: int) -> None:
+    def __init__(
+        self, windows: list[Window], reaches: list[int], grid: Grid, groups: list[slice]
+    ) -> None:
         """Keep what all surfaces share.
 
         Args:
             windows: Of the slices.
             reaches: Px that each spreads.
             grid: The tiles.
-            parts: Of the aperture.
+            groups: Of the parts of the aperture: each is computed as if it were alone, to the
+                last bit.
         """
         self._windows = windows
         self._reaches = reaches
         self._grid = grid
-        self._parts = parts
+        self._groups = groups
 
     def sliced(self, samples: Samples, stride: int) -> Sliced:
         """A layer of the scene, prepared for its tiles."""
@@ -49,7 +52,7 @@ class Blur:
         margins = Margins(before, max(beside, 0), max(below, 0))
         return Sliced(Surface(samples, self._reaches[::stride], self._grid, margins), stride)
 
-    def over_tile(self, sliced: Sliced, index: int, layer_of: list[int]) -> dict[int, Tensor]:
+    def over_tile(self, sliced: Sliced, index: int, layer_of: list[int]) -> list[dict[int, Tensor]]:
         """The layers of the visible or the hidden surface over a tile: sums of blurred slices.
 
         Args:
@@ -58,10 +61,10 @@ class Blur:
             layer_of: For each slice the number of its layer. The slices of a layer share a window.
 
         Returns:
-            [M, C + 1, h, w] each, by number.
+            For each group of m parts the layers by number, [m, C + 1, h, w] each.
         """
         surface, stride = sliced
-        layers: dict[int, Tensor] = {}
+        layers: list[dict[int, Tensor]] = [{} for _ in self._groups]
         by_window: dict[int, list[int]] = {}
         for rung in surface.plan[index]:
             by_window.setdefault(id(self._windows[rung * stride]), []).append(rung)
@@ -71,38 +74,53 @@ class Blur:
             numbers = [layer_of[k] for k in slices]
             pixels = surface.members(index, window.margin, window.size, some)
             if window.margin == 0:
-                layers.update(self._sharp(pixels, numbers, index))
+                for group, found in zip(self._groups, layers, strict=True):
+                    found.update(self._sharp(pixels, numbers, index, group.stop - group.start))
                 continue
+            terms = [
+                (number, spectrum, window.spectra[k])
+                for number, spectrum, k in zip(
+                    numbers, torch.fft.rfft2(pixels), slices, strict=True
+                )
+            ]
             tilted = [i for i, rung in enumerate(some) if rung in surface.tilted_plan[index]]
-            totals: dict[int, Tensor] = {}
-            for k, number, spectrum in zip(slices, numbers, torch.fft.rfft2(pixels), strict=True):
-                _add(totals, number, spectrum, window.spectra[k])
             if tilted:
                 lean = surface.slopes(index, window.margin, window.size)[:, None]
                 spectra = torch.fft.rfft2(lean * pixels[tilted][:, None])
                 for i, pair in zip(tilted, spectra, strict=True):
-                    for spectrum, kernel in zip(pair, window.leaning[slices[i]], strict=True):
-                        _add(totals, numbers[i], spectrum, kernel)
-            box = self._grid.tiles[index]
-            wanted = (window.margin, window.margin, box.height, box.width)
-            blurred = crop_inverse(torch.stack(list(totals.values())), window.size, wanted)
-            layers.update(zip(totals, blurred.unbind(), strict=True))
+                    kernels = window.leaning[slices[i]]
+                    terms += [(numbers[i], *term) for term in zip(pair, kernels, strict=True)]
+            for group, found in zip(self._groups, layers, strict=True):
+                found.update(self._transformed_back(terms, group, window, index))
         return layers
 
-    def _sharp(self, pixels: Tensor, numbers: list[int], index: int) -> dict[int, Tensor]:
+    def _transformed_back(
+        self,
+        terms: list[tuple[int, Tensor, Tensor]],
+        group: slice,
+        window: Window,
+        index: int,
+    ) -> dict[int, Tensor]:
+        """Layers of the sums of spectra times kernels, by number."""
+        totals: dict[int, Tensor] = {}
+        for number, spectrum, kernel in terms:
+            if number in totals:
+                totals[number] = totals[number].addcmul_(spectrum, kernel[group])
+            else:
+                totals[number] = spectrum * kernel[group]
+        box = self._grid.tiles[index]
+        wanted = (window.margin, window.margin, box.height, box.width)
+        blurred = crop_inverse(torch.stack(list(totals.values())), window.size, wanted)
+        return dict(zip(totals, blurred.unbind(), strict=True))
+
+    def _sharp(
+        self, pixels: Tensor, numbers: list[int], index: int, parts: int
+    ) -> dict[int, Tensor]:
         """Layers of slices [k, C + 1, h, w] that are not blurred."""
         box = self._grid.tiles[index]
         layers: dict[int, Tensor] = {}
         for number, sharp in zip(numbers, pixels[..., : box.height, : box.width], strict=True):
             others = layers.get(number)
-            sharp = sharp.expand(self._parts, -1, -1, -1)
+            sharp = sharp.expand(parts, -1, -1, -1)
             layers[number] = sharp if others is None else others + sharp
         return layers
-
-
-def _add(totals: dict[int, Tensor], number: int, spectrum: Tensor, kernel: Tensor) -> None:
-    """Add a slice's spectrum [C + 1, h, w] times a kernel's [M, 1, h, w] to a layer's."""
-    if number in totals:
-        totals[number] = totals[number].addcmul_(spectrum, kernel)
-    else:
-        totals[number] = spectrum * kernel

@@ -7,11 +7,15 @@ both: each slice adds its coverage until the whole part is covered.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
 # Guards 0 / 0 where nothing is left to cover; shares below it are of no consequence.
 _LEAST_SHARE = 1e-12
+# Shares of the aperture that differ by less are equal.
+_EQUAL = 1e-6
 
 
 def add_behind(seen: Tensor, layer: Tensor) -> Tensor:
@@ -32,12 +36,18 @@ def add_behind(seen: Tensor, layer: Tensor) -> Tensor:
     return seen.addcmul_(layer, share)
 
 
-def picture(seen: Tensor) -> Tensor:
+def picture(seen: Tensor, weights: Sequence[float] | None = None) -> Tensor:
     """The image [C, h, w] of some parts together, divided by the share that saw something.
+
+    Args:
+        seen: [M, C + 1, h, w].
+        weights: M shares of the parts in the aperture; None if they are equal.
 
     A pixel sees its own surface at least through the whole or a half of the aperture: the share is
     positive.
     """
+    if weights is not None and max(weights) - min(weights) > _EQUAL:
+        seen = seen * seen.new_tensor(weights)[:, None, None, None]
     total = seen.sum(0)
     return total[:-1] / total[-1:]
 

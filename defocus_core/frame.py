@@ -12,7 +12,7 @@ from itertools import groupby
 import torch
 from torch import Tensor
 
-from defocus_core.aperture import LEFT, RIGHT, Aperture, parts
+from defocus_core.aperture import LEFT, RIGHT, Aperture, part_area, parts
 from defocus_core.blur import Blur, Sliced
 from defocus_core.compositing import add_behind, pair_of, picture
 from defocus_core.convolution import reach
@@ -86,6 +86,7 @@ class _Frame:
         H, W = signed_radius.shape
         self.parts = parts(aperture, quality.parts)
         self.centre = len(self.parts)
+        self.weights = [part_area(aperture, part) for part in self.parts]
         self.left_right = left_right
         self.signed = bool((pixels < 0).any())
         if left_right and self.centre == 1:
@@ -101,7 +102,10 @@ class _Frame:
         slices = (self.radii, reaches, self.layers, side)
         tilted = lean is not None
         self.windows = windows(*slices, aperture, self.parts, pixels, tilted=tilted)
-        self.blur = Blur(self.windows, reaches, self.grid, len(self.parts))
+        self.groups = [slice(0, self.centre)]
+        if len(self.parts) > self.centre:
+            self.groups.append(slice(self.centre, len(self.parts)))
+        self.blur = Blur(self.windows, reaches, self.grid, self.groups)
         spans = list(dict.fromkeys(map(id, self.windows)))
         self.spans = [spans.index(id(window)) for window in self.windows]
         places = position(signed_radius, self.radii)
@@ -129,29 +133,43 @@ class _Frame:
             self.hidden = self.blur.sliced(behind, stride)
         self.highlights = None
         if highlights:
-            self.highlights = draw(highlights, places, self.radii, aperture, self.parts)
+            self.highlights = draw(
+                highlights, signed_radius, places, self.radii, aperture, self.parts
+            )
 
     def tile(self, index: int) -> Tensor:
         """The centre, or the centre, left and right image [1 or 3, C, h, w] of one tile."""
+        visible = self.blur.over_tile(self.visible, index, self.layers)
+        hidden: list[dict[int, Tensor]] = [{} for _ in self.groups]
+        if self.hidden:
+            hidden = self.blur.over_tile(self.hidden, index, self.spans)
+        whole, *halves = (
+            self._seen(group, shown, behind, index)
+            for group, shown, behind in zip(self.groups, visible, hidden, strict=True)
+        )
+        centre = picture(whole, self.weights[: self.centre])
+        if not self.left_right:
+            return centre[None]
+        left, right = (halves[0] if halves else whole).tensor_split(2)
+        pair = pair_of(centre, picture(left), picture(right), signed=self.signed)
+        return torch.cat([centre[None], pair])
+
+    def _seen(
+        self, group: slice, visible: dict[int, Tensor], hidden: dict[int, Tensor], index: int
+    ) -> Tensor:
+        """What a group of m parts of the aperture sees of a tile, [m, C + 1, h, w]."""
         box = self.grid.tiles[index]
-        seen = self.blank.expand(len(self.parts), -1, box.height, box.width).clone()
-        layers = self.blur.over_tile(self.visible, index, self.layers)
-        for number in sorted(layers):
-            seen = add_behind(seen, layers[number])
-        behind = self.blur.over_tile(self.hidden, index, self.spans) if self.hidden else {}
-        if behind:
-            seen = add_behind(seen, torch.stack(list(behind.values())).sum(0))
+        seen = self.blank.expand(group.stop - group.start, -1, box.height, box.width).clone()
+        for number in sorted(visible):
+            seen = add_behind(seen, visible[number])
+        if hidden:
+            seen = add_behind(seen, torch.stack(list(hidden.values())).sum(0))
         if self.highlights is not None:
             rows = slice(box.top, box.top + box.height)
             columns = slice(box.left, box.left + box.width)
-            color = seen[:, :-1] + self.highlights[:, :, rows, columns]
+            color = seen[:, :-1] + self.highlights[group, :, rows, columns]
             seen = torch.cat([color, seen[:, -1:]], 1)
-        centre = picture(seen[: self.centre])
-        if not self.left_right:
-            return centre[None]
-        left, right = map(picture, seen[-max(self.centre, 2) :].tensor_split(2))
-        pair = pair_of(centre, left, right, signed=self.signed)
-        return torch.cat([centre[None], pair])
+        return seen
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""

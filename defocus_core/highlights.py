@@ -61,6 +61,7 @@ def split(pixels: Tensor, signed_radius: Tensor) -> tuple[Tensor, Highlights | N
 
 def draw(
     highlights: Highlights,
+    signed_radius: Tensor,
     places: Tensor,
     radii: tuple[float, ...],
     aperture: Aperture,
@@ -70,6 +71,7 @@ def draw(
 
     Args:
         highlights: From `split`.
+        signed_radius: [H, W] px of all pixels.
         places: [H, W] positions of all pixels on the ladder.
         radii: The ladder.
         aperture: The pupil.
@@ -87,7 +89,7 @@ def draw(
         some = order[start : start + count].to(places.device)
         start += count
         chosen = Highlights(*(values[some] for values in highlights))
-        seen = _unobstructed(chosen, extent, places.detach(), radii)
+        seen = _unobstructed(chosen, extent, signed_radius.detach(), places.detach(), radii)
         index, inside = _targets(chosen.at, extent, H, W)
         seen = (seen * inside).flatten()
         for m, part in enumerate(parts):
@@ -109,7 +111,11 @@ def _targets(at: Tensor, extent: int, H: int, W: int) -> tuple[Tensor, Tensor]:
 
 
 def _unobstructed(
-    highlights: Highlights, extent: int, places: Tensor, radii: tuple[float, ...]
+    highlights: Highlights,
+    extent: int,
+    signed_radius: Tensor,
+    places: Tensor,
+    radii: tuple[float, ...],
 ) -> Tensor:
     """The share of each disc pixel's ray that no nearer surface stops: [n, S, S]."""
     at, r = highlights.at, highlights.signed_radius.detach()
@@ -130,5 +136,6 @@ def _unobstructed(
         x = at[before, 1, None] + scale[:, None] * offset
         rows = y.round().long().clamp(0, H - 1)[:, :, None]
         columns = x.round().long().clamp(0, W - 1)[:, None, :]
-        stopped[before] += (1 - (places[rows, columns] - k).abs()).clamp(min=0)
+        nearer = signed_radius[rows, columns] < limit[before, None, None]  # not its own surface
+        stopped[before] += nearer * (1 - (places[rows, columns] - k).abs()).clamp(min=0)
     return (1 - stopped).clamp(min=0)

@@ -500,3 +500,38 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=10)
     refused(Ran(process.returncode, "", err), 130, "interrupted")
+
+
+def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A good result of before is not lost to a disk that is full now."""
+    kinds = ("--outputs", "render,left,right")
+    assert render(color, depth, "-o", out, *kinds).code == 0
+    before = {path: path.read_bytes() for path in out.rglob("*.exr")}
+    assert len(before) == 3
+    sync, calls = os.fsync, []
+
+    def full_at_the_third(number: int) -> None:
+        calls.append(number)
+        if len(calls) == 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(number)
+
+    monkeypatch.setattr(os, "fsync", full_at_the_third)
+    ran = render(color, depth, "-o", out, *kinds, "--overwrite", "--quality", "draft")
+    refused(ran, 3, "No space left")
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_a_directory_in_the_place_of_an_output(color: Path, depth: Path, out: Path) -> None:
+    (out / "render" / f"{color.stem}.exr").mkdir(parents=True)
+    refused(render(color, depth, "-o", out, "--overwrite"), 3, "is a directory where a file")
+
+
+def test_a_part_that_a_lone_scene_does_not_have(tmp_path: Path, out: Path) -> None:
+    pixels = texture()
+    scene = write_exr(
+        tmp_path / "s.exr", R=pixels[..., 0], G=pixels[..., 1], B=pixels[..., 2], Z=ramp()
+    )
+    refused(render(scene, "-o", out, "--part", "3"), 3, "s.exr: has no part 3, only 1")

@@ -59,6 +59,7 @@ def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
     [
         (["1.png", "2.png"], ["1.exr"], r"stem of 2\.png"),
         (["1.png"], ["1.exr", "3.exr"], r"stem of 3\.exr"),
+        (["1.png"], ["2.exr"], r"stem of 1\.png and .* stem of 2\.exr"),
         (["1.png", "1.jpg"], ["1.exr"], "same stem"),
         (["1.png"], ["1.exr", "1.npy"], "same stem"),
         ([], ["1.exr"], "no file of a known type"),

@@ -52,6 +52,17 @@ def test_whether_they_are_asked_for_changes_no_byte_of_the_centre(
     assert torch.equal(alone.render, render(image, radius, left_right=True).render)
 
 
+def test_large_radii_change_no_byte_of_the_centre_either() -> None:
+    """Sizes and radii at which a batch of three was once rounded otherwise than one alone."""
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(12):
+        size = tuple(torch.randint(8, 90, (2,), generator=generator).tolist())
+        image = torch.rand(3, *size, generator=generator)
+        radius = 60 * (torch.rand(size, generator=generator) - 0.5)
+        alone = render(image, radius).render
+        assert torch.equal(alone, render(image, radius, left_right=True).render)
+
+
 def test_beyond_focus_lies_left_in_the_left_picture_and_nearer_lies_right() -> None:
     beyond, nearer = point(9.0), point(-9.0)
     for i, side in ((0, -1), (1, 1)):

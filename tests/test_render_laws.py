@@ -188,3 +188,34 @@ def test_the_middle_of_a_gaussian_is_brighter(psf_type: str) -> None:
     m = disc.shape[0] // 2
     ratio = float(disc[m, m] / disc[m, m + 7])
     assert ratio == pytest.approx(math.exp(49 / 162) if psf_type == "gaussian" else 1.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("r", [-10.8, 5.3, 12.0, 17.0, -23.0])
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_a_light_does_not_stop_itself(quality: str, r: float) -> None:
+    """Whatever the distance of the rungs between which its own surface lies."""
+    image = torch.zeros(1, 121, 121, dtype=torch.float64)
+    image[0, 60, 60] = 50.0
+    plane_of_light = torch.full((121, 121), r, dtype=torch.float64)
+    seen = render(image, plane_of_light, quality=quality).render
+    assert float(seen.sum()) == pytest.approx(50.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 8, 16])
+def test_few_layers_keep_the_energy_of_a_light(count: int) -> None:
+    image = torch.zeros(1, 81, 161, dtype=torch.float64)
+    image[0, 40, 80] = 50.0
+    radius = torch.zeros(81, 161, dtype=torch.float64)
+    radius[:, :3], radius[:, -3:] = -30.0, 30.0
+    seen = render(image, radius, num_layers=count).render
+    assert float(seen.sum()) == pytest.approx(50.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
+    """Parts count by their area: a triangle's halves are not equal."""
+    image, radius = plane(9.0)
+    triangle = Aperture(3)
+    fine = render(image, radius, aperture=triangle, quality="standard").render
+    seen = render(image, radius, aperture=triangle, quality=quality).render
+    assert worst(inner(seen, 12), inner(fine, 12)) < 5e-3  # other rungs
