@@ -20,6 +20,7 @@ from defocus_core.hidden import hidden_layer
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import unmixed
 from defocus_core.quality import Quality
+from defocus_core.ramps import without_ramps
 from defocus_core.slicing import evenly, layers, position, rungs
 from defocus_core.slopes import slopes
 from defocus_core.surface import Samples
@@ -84,6 +85,7 @@ class _Frame:
         threads: int,
     ) -> None:
         H, W = signed_radius.shape
+        signed_radius = without_ramps(signed_radius)
         self.parts = parts(aperture, quality.parts)
         self.centre = len(self.parts)
         self.weights = [part_area(aperture, part) for part in self.parts]

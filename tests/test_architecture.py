@@ -19,10 +19,10 @@ LAYERS = [
     {"lens"},
     {"render"},
     {"frame"},
-    {"blur", "highlights"},
+    {"baselines", "blur", "highlights"},
     {"surface", "windows"},
-    {"compositing", "convolution", "hidden", "mixed", "slicing", "thin_lens", "tiling"},
-    {"aperture", "continuation", "quality", "slopes", "threads"},
+    {"compositing", "convolution", "hidden", "mixed", "ramps", "slicing", "thin_lens", "tiling"},
+    {"aperture", "continuation", "metrics", "quality", "slopes", "threads"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

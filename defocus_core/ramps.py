@@ -1,0 +1,54 @@
+"""Soft edges of depth, made steps: estimated depth ramps where one surface ends before another.
+
+Where the radius changes by more than a pixel and a half per pixel, no surface is that steep that
+the lens sees as one: it is an edge that the depth map has smoothed. Its pixels would be drawn with
+radii between those of both surfaces, sharp where the ramp crosses the focus. Each is given the
+radius at the end of the ramp that its own is closer to.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+# Slope in px per px, on both sides of a pixel, of a ramp.
+_STEEP = 1.5
+# Px over which the ends of a ramp are looked for.
+_WIDEST = 10
+
+
+def without_ramps(signed_radius: Tensor) -> Tensor:
+    """Radii [H, W] px with steps in the place of ramps.
+
+    A hard edge is as it was, and so is a slope of up to 1 px per px.
+    """
+    r = signed_radius.detach()
+    at = torch.nonzero(_on_a_ramp(r, -1) | _on_a_ramp(r, -2))
+    if not len(at):
+        return signed_radius
+    H, W = r.shape
+    offset = torch.arange(-1, 2, device=r.device)
+    y = (at[:, :1] + offset).clamp(0, H - 1)[:, :, None]
+    x = (at[:, 1:] + offset).clamp(0, W - 1)[:, None, :]
+    around = (y * W + x).flatten(1)  # [n, 9]
+    index = at[:, 0] * W + at[:, 1]
+    radii = signed_radius.flatten()
+    near, far = radii, radii
+    for _ in range(_WIDEST):
+        near = near.index_copy(0, index, near[around].min(1).values)
+        far = far.index_copy(0, index, far[around].max(1).values)
+    own, low, high = radii[index], near[index], far[index]
+    radii = radii.index_copy(0, index, torch.where(own - low < high - own, low, high))
+    return radii.reshape(H, W)
+
+
+def _on_a_ramp(r: Tensor, dim: int) -> Tensor:
+    """Whether pixels [H, W] lie on a steep slope, up or down, along an axis."""
+    found = torch.zeros_like(r, dtype=torch.bool)
+    if r.shape[dim] > 2:
+        step = r.diff(dim=dim)
+        n = step.shape[dim] - 1
+        before, after = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
+        steep = torch.minimum(before.abs(), after.abs()) > _STEEP
+        found.narrow(dim, 1, n).copy_(steep & (before * after > 0))
+    return found
