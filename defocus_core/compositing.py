@@ -14,6 +14,9 @@ from torch import Tensor
 
 # Guards 0 / 0 where nothing is left to cover; shares below it are of no consequence.
 _LEAST_SHARE = 1e-12
+# Shares below this many roundings are noise of the transforms; slopes of their quotients, which
+# every further layer would multiply, count as none.
+_CERTAIN = 100
 # Shares of the aperture that differ by less are equal.
 _EQUAL = 1e-6
 
@@ -32,6 +35,8 @@ def add_behind(seen: Tensor, layer: Tensor) -> Tensor:
     left = (1 - seen[:, -1:]).clamp(min=0)
     share = left / torch.maximum(layer[:, -1:], left).clamp(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
+        certain = torch.minimum(layer[:, -1:], left) > _CERTAIN * torch.finfo(left.dtype).eps
+        share = torch.where(certain, share, share.detach())
         return seen.addcmul(layer, share)
     return seen.addcmul_(layer, share)
 

@@ -2,6 +2,8 @@
 
 import pytest
 import torch
+from measures import worst
+from scenes import pattern, slanted
 from torch import Tensor
 from torch.autograd import gradcheck
 
@@ -70,3 +72,17 @@ def test_a_highlight_passes_its_gradient() -> None:
     assert image.grad[0, 12, 12] == pytest.approx(1 / (torch.pi * 4.2**2), rel=0.02)
     # brightness in the disc is 900 / π r²: its slope is -2 / r of that
     assert radius.grad[12, 12] == pytest.approx(-2 / 4.2 * 900 / (torch.pi * 4.2**2), rel=0.1)
+
+
+def test_gradients_in_float32_are_those_in_float64() -> None:
+    """Of every pixel of waves on a slant: behind what covers all, layers are rounding alone."""
+
+    def slopes(dtype: torch.dtype) -> Tensor:
+        radius = slanted(near=-5.87, far=8.91).to(dtype).requires_grad_()
+        image = pattern(period=14.0).to(dtype)
+        render(image, radius, left_right=True).render.square().mean().backward()
+        assert radius.grad is not None
+        return radius.grad
+
+    exact = slopes(torch.float64)
+    assert worst(slopes(torch.float32), exact) < 0.01 * float(exact.abs().max())
