@@ -36,7 +36,7 @@ def deliver(
     Args:
         color: what was read, with the metadata and further channels to carry along.
         radius: signed CoC radius in px, [H, W].
-        images: kind to linear pixels [H, W, C].
+        images: kind to linear pixels [H, W, C], and trust [H, W].
         outcome: what the header of an EXR tells about the job.
 
     Returns:
@@ -51,12 +51,14 @@ def deliver(
     outputs, stem = outcome.job.outputs, outcome.job.picture.stem
     paths, previews = outputs.paths(stem), outputs.previews(stem)
     maps = {"coc": radius, "disparity": radius * DISPARITY_PER_RADIUS}
+    if "trust" in images:
+        maps["trust"] = images["trust"]
     warnings: list[str] = []
     with _all_or_nothing(outputs) as written:
         for kind, path in paths.items():
             written.begin(path)
             attributes = _attributes(outcome, kind)
-            if kind in images:
+            if kind not in maps:
                 lost = write_image(
                     path,
                     images[kind],
@@ -71,8 +73,10 @@ def deliver(
                 write_map(path, maps[kind], kind, attributes=attributes)
             if kind in previews:
                 written.begin(previews[kind])
-                if kind in images:
+                if kind not in maps:
                     write_preview(previews[kind], images[kind])
+                elif kind == "trust":
+                    write_preview(previews[kind], maps[kind][:, :, None])
                 else:
                     write_coc_preview(previews[kind], maps[kind])
     return tuple(warnings)
@@ -142,12 +146,13 @@ def _all_or_nothing(outputs: Outputs) -> Iterator[_Replaced]:
 
 def _attributes(outcome: Outcome, kind: str) -> dict[str, str]:
     """What an EXR output says of itself: no directory and no time, so that its bytes are fixed."""
-    job, lens = outcome.job, outcome.lens
+    job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
     values = {
         "version": version(),
         "kind": kind,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,
+        "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
         "depth_read_as": outcome.depth_note,
         "focal_length": length_text(lens.foclen, 9),
         "fnumber": f"{lens.fnum:.9g}",

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.errors import InputError, UsageProblem, reason
-from defocus_cli.job import IMAGE_KINDS, Job, Lens, Reading
+from defocus_cli.job import IMAGE_KINDS, RENDERED_KINDS, Job, Lens, Picture, Reading
 from defocus_cli.lens_file import refuse_near_focus
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> Outcome
     from defocus_cli.delivery import deliver
 
     device = choose_device(job.machine.device)
-    color, depth = _read(job)
+    color, depth = _read(job.picture, job.reading)
     height, width = depth.metres.shape
     lens = focused(job.lens, depth)
     radius = signed_radius(lens, depth.metres, (width, height))
@@ -69,8 +69,11 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> Outcome
         device=device,
     )
     images: dict[str, Any] = {}
-    if set(job.outputs.kinds) & set(IMAGE_KINDS):
-        images, outcome = _render(color, radius, outcome, progress)
+    if set(job.outputs.kinds) & set(RENDERED_KINDS):
+        known = None
+        if job.picture.hidden is not None:
+            known = _known(job.picture.hidden, job.reading, color, lens)
+        images, outcome = _render(color, radius, known, outcome, progress)
     return dataclasses.replace(outcome, warnings=deliver(color, radius, images, outcome))
 
 
@@ -163,11 +166,30 @@ def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
     return reading.part if count > 1 else None
 
 
-def _read(job: Job) -> tuple[Color, Depth]:
+def _known(
+    hidden: Picture, reading: Reading, color: Color, lens: Lens
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """Pixels [H, W, C], signed radius [H, W] px and mask [H, W] of what is known to lie behind."""
+    import numpy as np
+
+    behind, depth = _read(hidden, reading)
+    if behind.pixels.shape != color.pixels.shape:
+        told, wanted = (
+            f"{width}x{height} px of {channels} channels"
+            for height, width, channels in (behind.pixels.shape, color.pixels.shape)
+        )
+        raise InputError(
+            hidden.color, f"is {told} but the picture is {wanted}", "give --hidden of the same kind"
+        )
+    height, width = depth.metres.shape
+    known = np.isfinite(depth.metres) | (behind.pixels != 0).any(-1)
+    return behind.pixels, signed_radius(lens, depth.metres, (width, height)), known
+
+
+def _read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
     from defocus_cli.depth import read_depth, require_valid
     from defocus_cli.images import read_color, require_finite
 
-    picture, reading = job.picture, job.reading
     shared = picture.color == picture.depth
     color = read_color(
         picture.color,
@@ -195,19 +217,24 @@ def _read(job: Job) -> tuple[Color, Depth]:
 def _render(
     color: Color,
     radius: NDArray[np.float32],
+    known: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]] | None,
     outcome: Outcome,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[dict[str, Any], Outcome]:
-    """The images asked for, each [H, W, C], and the outcome with what they cost."""
+    """The images [H, W, C] and trust [H, W] asked for, and the outcome with what they cost."""
     import torch
 
-    from defocus_core import Aperture, render
+    from defocus_core import Aperture, HiddenLayer, render
 
     job, device = outcome.job, outcome.device
     # Threads work on tiles; torch's own threads inside each would only wait for one another.
     torch.set_num_threads(1)
     image = torch.from_numpy(color.pixels.transpose(2, 0, 1).copy()).to(device)  # [C, H, W]
     signed = torch.from_numpy(radius).to(device)
+    hidden = None
+    if known is not None:
+        behind, *rest = (torch.from_numpy(x).to(device) for x in known)
+        hidden = HiddenLayer(behind.permute(2, 0, 1), *rest)
 
     wall, cpu = time.perf_counter(), time.process_time()
     try:
@@ -217,6 +244,7 @@ def _render(
             aperture=Aperture(job.lens.blades, job.lens.blade_rotation),
             quality=job.machine.quality,
             left_right=bool({"left", "right"} & set(job.outputs.kinds)),
+            hidden=hidden,
             threads=job.machine.threads,
             progress=progress,
         )
@@ -228,6 +256,8 @@ def _render(
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     kinds = [kind for kind in IMAGE_KINDS if kind in job.outputs.kinds]
     images = {kind: getattr(rendering, kind).permute(1, 2, 0).cpu().numpy() for kind in kinds}
+    if "trust" in job.outputs.kinds:
+        images["trust"] = rendering.trust[0].cpu().numpy()
     return images, dataclasses.replace(
         outcome, render_seconds=wall, render_cpu_seconds=cpu, stats=rendering.stats
     )

@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from defocus_cli.errors import InputError
 
 IMAGE_KINDS = ("render", "left", "right")
-MAP_KINDS = ("coc", "disparity")
+MAP_KINDS = ("coc", "disparity", "trust")
+RENDERED_KINDS = (*IMAGE_KINDS, "trust")
 KINDS = IMAGE_KINDS + MAP_KINDS
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
 COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
@@ -25,11 +26,15 @@ SCENE_SUFFIXES = frozenset({".exr"})
 
 @dataclass(frozen=True)
 class Picture:
-    """Where colour and depth of one picture are; the same file twice when one EXR holds both."""
+    """Where colour and depth of one picture are; the same file twice when one EXR holds both.
+
+    `hidden` is a picture of what lies behind the visible surface, where that is known.
+    """
 
     stem: str
     color: Path
     depth: Path
+    hidden: Picture | None = None
 
 
 @dataclass(frozen=True)
@@ -146,6 +151,32 @@ def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
     return [Picture(stem, colors[stem], depths[stem]) for stem in sorted(colors)]
 
 
+def with_hidden(
+    pictures: Sequence[Picture], color: Path, hidden: tuple[Path, Path] | None
+) -> list[Picture]:
+    """The pictures, each with what lies behind it: two files for one, two directories for all.
+
+    Raises:
+        InputError: the hidden files do not pair up with the pictures.
+    """
+    if hidden is None:
+        return list(pictures)
+    found = find_pictures(*hidden)
+    if color.is_dir() != hidden[0].is_dir():
+        problem = "is a file, but the pictures are in a directory"
+        if hidden[0].is_dir():
+            problem = "is a directory, but there is one picture"
+        raise InputError(hidden[0], problem, "give --hidden two files for a file, else directories")
+    if not color.is_dir():
+        return [replace(pictures[0], hidden=found[0])]
+    behind = {picture.stem: picture for picture in found}
+    lone = [picture.color.name for picture in pictures if picture.stem not in behind]
+    if lone:
+        problem = f"nothing in it has the stem of {_some(lone)}"
+        raise InputError(hidden[0], problem, "name hidden and colour files alike")
+    return [replace(picture, hidden=behind[picture.stem]) for picture in pictures]
+
+
 def make_jobs(
     pictures: Sequence[Picture], lens: Lens, *, reading: Reading, outputs: Outputs, machine: Machine
 ) -> list[Job]:
@@ -211,7 +242,8 @@ def _refuse_clashes(written: Sequence[Path], pictures: Sequence[Picture]) -> Non
     twice = next((path for path, count in Counter(written).items() if count > 1), None)
     if twice is not None:
         raise InputError(twice, "would be written twice", "rename one of the colour files")
-    inputs = {path.resolve() for picture in pictures for path in (picture.color, picture.depth)}
+    sources = [*pictures, *(picture.hidden for picture in pictures if picture.hidden)]
+    inputs = {path.resolve() for one in sources for path in (one.color, one.depth)}
     for path in written:
         if path.resolve() in inputs:
             raise InputError(path, "is an input and would be overwritten", "choose another -o")

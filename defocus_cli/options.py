@@ -19,7 +19,12 @@ from defocus_cli.option_types import FilePath, Format, Kinds, Quantity, refuse_k
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
-QUALITIES = ("draft", "standard", "high")  # those of defocus_core, which takes seconds to import
+QUALITIES = (
+    "draft",
+    "standard",
+    "high",
+    "reference",
+)  # those of defocus_core, which takes seconds to import
 DEPTH_UNITS = ("mm", "cm", "m", "ft")
 DEVICES = ("auto", "cpu", "cuda")
 
@@ -98,6 +103,20 @@ def reading_options(command: Command) -> Command:
     )(command)
 
 
+def hidden_option(command: Command) -> Command:
+    """Hand a command ``hidden``: colour and depth behind the visible surface, or None."""
+    return _option(
+        "Files",
+        "--hidden",
+        nargs=2,
+        type=FilePath(),
+        default=None,
+        metavar="COLOR DEPTH",
+        help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
+        "unknown, and invented; inf with colour is sky.",
+    )(command)
+
+
 def output_options(command: Command) -> Command:
     """Hand a command ``outputs``: what to write, and where."""
     option = functools.partial(_option, "Output")
@@ -128,7 +147,7 @@ def output_options(command: Command) -> Command:
                 type=Format(),
                 default="exr",
                 show_default=True,
-                help="Type of the images; coc and disparity are always float EXR.",
+                help="Type of the images; coc, disparity and trust are always float EXR.",
             ),
             option(
                 "--exr-type",

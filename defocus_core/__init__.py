@@ -6,8 +6,9 @@ Lengths are in mm, CoC radii in px, signed: negative nearer than focus, positive
 from __future__ import annotations
 
 from defocus_core.aperture import Aperture
+from defocus_core.hidden import HiddenLayer
 from defocus_core.lens import DefocusLens
 from defocus_core.quality import QUALITIES
 from defocus_core.render import Rendering, render
 
-__all__ = ["QUALITIES", "Aperture", "DefocusLens", "Rendering", "render"]
+__all__ = ["QUALITIES", "Aperture", "DefocusLens", "HiddenLayer", "Rendering", "render"]

@@ -16,7 +16,7 @@ from defocus_core.aperture import LEFT, RIGHT, Aperture, part_area, parts
 from defocus_core.blur import Blur, Sliced
 from defocus_core.compositing import add_behind, pair_of, picture
 from defocus_core.convolution import reach
-from defocus_core.hidden import hidden_layer
+from defocus_core.hidden import HiddenLayer, hidden_layer
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import unmixed
 from defocus_core.quality import Quality
@@ -38,10 +38,13 @@ def render_frame(
     left_right: bool = False,
     num_layers: int | None = None,
     psf_ks: int | None = None,
+    hidden: HiddenLayer | None = None,
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[Tensor, dict[str, int]]:
-    """The centre image, or centre, left and right [1 or 3, C, H, W], and counts of the work done.
+) -> tuple[Tensor, Tensor, dict[str, int]]:
+    """Images, trust, and counts of the work done.
+
+    The images are the centre, or centre, left and right: [1 or 3, C, H, W]; trust is [1, 1, H, W].
 
     Args:
         pixels: [C, H, W], float32 or float64.
@@ -51,23 +54,25 @@ def render_frame(
         left_right: Whether left and right are wanted.
         num_layers: As for `render`.
         psf_ks: As for `render`.
+        hidden: What is known behind the visible surface.
         threads: As for `render`.
         progress: As for `render`.
     """
     frame = _Frame(
-        pixels, signed_radius, aperture, quality, left_right, num_layers, psf_ks, threads
+        pixels, signed_radius, aperture, quality, left_right, num_layers, psf_ks, hidden, threads
     )
     count = len(frame.grid.tiles)
-    done: list[Tensor] = []
+    done: list[tuple[Tensor, Tensor]] = []
     for result in threaded(frame.tile, range(count), threads):
         done.append(result)
         if progress:
             progress(len(done), count)
-    rows = [
-        torch.cat([done[i] for i in row], -1)
-        for _, row in groupby(range(count), key=lambda i: frame.grid.tiles[i].top)
-    ]
-    return torch.cat(rows, -2), frame.counts()
+    rows = [list(row) for _, row in groupby(range(count), lambda i: frame.grid.tiles[i].top)]
+    images, trust = (
+        torch.cat([torch.cat([done[i][kind] for i in row], -1) for row in rows], -2)
+        for kind in (0, 1)
+    )
+    return images, trust, frame.counts()
 
 
 class _Frame:
@@ -82,6 +87,7 @@ class _Frame:
         left_right: bool,
         num_layers: int | None,
         psf_ks: int | None,
+        known: HiddenLayer | None,
         threads: int,
     ) -> None:
         H, W = signed_radius.shape
@@ -93,8 +99,12 @@ class _Frame:
         self.signed = bool((pixels < 0).any())
         if left_right and self.centre == 1:
             self.parts = [*self.parts, LEFT, RIGHT]
-        self.radii = _slice_radii(signed_radius.detach(), quality, num_layers, psf_ks)
+        all_radii = [signed_radius.detach().flatten()]
+        if known is not None:
+            all_radii.append(known.signed_radius[known.mask])
+        self.radii = _slice_radii(torch.cat(all_radii), quality, num_layers, psf_ks)
         reaches = [reach(r, max(H, W) - 1) for r in self.radii]
+        self.size, self.farthest = (H, W), max(reaches)
         self.layers = layers(self.radii, quality)
         self.grid = grid_over(H, W)
         pixels, highlights = split(pixels, signed_radius)
@@ -121,75 +131,113 @@ class _Frame:
         )
         self.blank = torch.zeros_like(visible.layer[None, :, :1, :1])
         self.visible = self.blur.sliced(visible, 1)
-        self.hidden: Sliced | None = None
+        # nothing is invented where something is known
+        self.known: Sliced | None = None
+        self.invented: Sliced | None = None
+        stride = 1 if num_layers else quality.hidden_stride
         if hidden := hidden_layer(own, signed_radius, threads):
-            stride = 1 if num_layers else quality.hidden_stride
-            behind = Samples(
-                torch.cat([hidden.color, torch.ones_like(coverage)]) * hidden.mask,
-                position(hidden.signed_radius, self.radii[::stride]),
-                fringe.at[:0],
-                fringe.layer[:0],
-                fringe.signed_radius[:0],
-                None,
-            )
-            self.hidden = self.blur.sliced(behind, stride)
+            invented = hidden.mask
+            if known is not None:
+                invented = hidden.mask & ~known.mask
+                self.known = self._behind(known._replace(mask=hidden.mask & known.mask), 1)
+            self.invented = self._behind(hidden._replace(mask=invented), stride)
         self.highlights = None
         if highlights:
             self.highlights = draw(
                 highlights, signed_radius, places, self.radii, aperture, self.parts
             )
 
-    def tile(self, index: int) -> Tensor:
-        """The centre, or the centre, left and right image [1 or 3, C, h, w] of one tile."""
+    def _behind(self, hidden: HiddenLayer, stride: int) -> Sliced | None:
+        """A layer behind the visible one, None if it has no pixels."""
+        if not bool(hidden.mask.any()):
+            return None
+        coverage = hidden.mask[None].to(hidden.color.dtype)
+        layer = torch.cat([hidden.color * coverage, coverage])
+        places = position(hidden.signed_radius, self.radii[::stride])
+        nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
+        samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
+        return self.blur.sliced(samples, stride)
+
+    def tile(self, index: int) -> tuple[Tensor, Tensor]:
+        """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
         visible = self.blur.over_tile(self.visible, index, self.layers)
-        hidden: list[dict[int, Tensor]] = [{} for _ in self.groups]
-        if self.hidden:
-            hidden = self.blur.over_tile(self.hidden, index, self.spans)
-        whole, *halves = (
-            self._seen(group, shown, behind, index)
-            for group, shown, behind in zip(self.groups, visible, hidden, strict=True)
+        nothing: list[dict[int, Tensor]] = [{} for _ in self.groups]
+        known = invented = nothing
+        if self.known:
+            known = self.blur.over_tile(self.known, index, self.spans)
+        if self.invented:
+            invented = self.blur.over_tile(self.invented, index, self.spans)
+        (whole, observed), *halves = (
+            self._seen(*layers, index=index)
+            for layers in zip(self.groups, visible, known, invented, strict=True)
         )
+        trust = self._trust(whole[:, -1], observed, index)
         centre = picture(whole, self.weights[: self.centre])
         if not self.left_right:
-            return centre[None]
-        left, right = (halves[0] if halves else whole).tensor_split(2)
+            return centre[None], trust
+        left, right = (halves[0][0] if halves else whole).tensor_split(2)
         pair = pair_of(centre, picture(left), picture(right), signed=self.signed)
-        return torch.cat([centre[None], pair])
+        return torch.cat([centre[None], pair]), trust
+
+    def _trust(self, covered: Tensor, observed: Tensor, index: int) -> Tensor:
+        """The share of the aperture that saw the scene, [1, 1, h, w].
+
+        Of what m parts covered [m, h, w] what they observed; as far from the border as light
+        reaches at most, times what they covered: the rest lies outside the frame.
+        """
+        weights = observed.new_tensor(self.weights[: self.centre])[:, None, None]
+        covered, observed = ((x * weights).sum(0) / weights.sum() for x in (covered, observed))
+        box, (H, W) = self.grid.tiles[index], self.size
+        y = torch.arange(box.top, box.top + box.height, device=covered.device)
+        x = torch.arange(box.left, box.left + box.width, device=covered.device)
+        down, across = torch.minimum(y, H - 1 - y), torch.minimum(x, W - 1 - x)
+        inner = torch.minimum(down[:, None], across) >= self.farthest
+        share = observed / covered * torch.where(inner, 1.0, covered)
+        return share.clamp(0, 1)[None, None]
 
     def _seen(
-        self, group: slice, visible: dict[int, Tensor], hidden: dict[int, Tensor], index: int
-    ) -> Tensor:
-        """What a group of m parts of the aperture sees of a tile, [m, C + 1, h, w]."""
+        self,
+        group: slice,
+        visible: dict[int, Tensor],
+        known: dict[int, Tensor],
+        invented: dict[int, Tensor],
+        *,
+        index: int,
+    ) -> tuple[Tensor, Tensor]:
+        """What m parts of the aperture see of a tile [m, C + 1, h, w], and the share observed."""
         box = self.grid.tiles[index]
         seen = self.blank.expand(group.stop - group.start, -1, box.height, box.width).clone()
         for number in sorted(visible):
             seen = add_behind(seen, visible[number])
-        if hidden:
-            seen = add_behind(seen, torch.stack(list(hidden.values())).sum(0))
+        if known:
+            seen = add_behind(seen, torch.stack(list(known.values())).sum(0))
+        observed = seen[:, -1].clone()
+        if invented:
+            seen = add_behind(seen, torch.stack(list(invented.values())).sum(0))
         if self.highlights is not None:
             rows = slice(box.top, box.top + box.height)
             columns = slice(box.left, box.left + box.width)
             color = seen[:, :-1] + self.highlights[group, :, rows, columns]
             seen = torch.cat([color, seen[:, -1:]], 1)
-        return seen
+        return seen, observed
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""
-        sliced = [self.visible, self.hidden] if self.hidden else [self.visible]
+        sliced = [s for s in (self.visible, self.known, self.invented) if s]
         work = [
             self.windows[rung * stride]
             for surface, stride in sliced
             for rungs in surface.plan
             for rung in rungs
         ]
-        hidden = self.hidden.surface.plan if self.hidden else []
+        invented = self.invented.surface.plan if self.invented else []
         return {
             "slices": len(self.radii),
             "tiles": len(self.grid.tiles),
             "slice_tiles": 2 * len(self.radii) * len(self.grid.tiles),
             "slice_tiles_done": len(work),
             "slice_tiles_blurred": sum(1 for window in work if window.margin),
-            "tiles_with_hidden": sum(1 for rungs in hidden if rungs),
+            "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }
 
 

@@ -31,7 +31,7 @@ _GRAINS = 8
 
 
 class HiddenLayer(NamedTuple):
-    """The surface behind the visible one, where the aperture may see it.
+    """The surface behind the visible one, where the aperture may see it or where it is known.
 
     Attributes:
         color: [C, H, W].

@@ -53,6 +53,14 @@ QUALITY: dict[str, Quality] = {
         least_slope=0.05,
         parts=4,
     ),
+    "reference": Quality(
+        near_spacing=0.75,
+        far_spacing=0.04,
+        layer_ratio=1.2,
+        hidden_stride=1,
+        least_slope=0.02,
+        parts=16,
+    ),
 }
 QUALITIES: tuple[str, ...] = tuple(QUALITY)
 

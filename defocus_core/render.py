@@ -13,6 +13,7 @@ from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.frame import render_frame
+from defocus_core.hidden import HiddenLayer
 from defocus_core.quality import find
 
 
@@ -24,12 +25,16 @@ class Rendering:
         render: The defocused image, shaped as the image given.
         left: As seen through the lens half u.x < 0, None if not asked for.
         right: As seen through the lens half u.x >= 0, None if not asked for.
+        trust: [B, 1, H, W] or [1, H, W], the share of the aperture that saw pixels of the scene,
+            visible or known to be hidden: 1 where nothing was invented and nothing lies beyond the
+            frame.
         stats: Counts of what was computed and what was skipped, summed over the batch.
     """
 
     render: Tensor
     left: Tensor | None
     right: Tensor | None
+    trust: Tensor
     stats: dict[str, int]
 
 
@@ -42,6 +47,7 @@ def render(
     left_right: bool = False,
     num_layers: int | None = None,
     psf_ks: int | None = None,
+    hidden: HiddenLayer | None = None,
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rendering:
@@ -56,10 +62,13 @@ def render(
         image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
         signed_radius: [B, 1, H, W], [B, H, W] or [H, W], px, negative nearer than focus.
         aperture: The pupil, a round one by default.
-        quality: "draft", "standard" or "high": spacing of slices and parts of the aperture.
+        quality: "draft", "standard", "high" or "reference": spacing of slices, parts of the
+            aperture.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the ladder of the quality.
+        hidden: The surface behind the visible one where it is known, shaped as the image and the
+            radius; elsewhere it is continued from what lies farther.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once. With more than one, torch itself should use one thread
             (torch.set_num_threads(1)).
@@ -77,10 +86,11 @@ def render(
     _check_count("psf_ks", psf_ks)
     _check_count("threads", threads)
     pictures, radii = _batched(image, signed_radius)
-    done = []
+    behind = _hidden(hidden, pictures, radii)
+    done, trusts = [], []
     stats: dict[str, int] = {}
-    for pixels, radius in zip(pictures, radii, strict=True):
-        images, counts = render_frame(
+    for pixels, radius, known in zip(pictures, radii, behind, strict=True):
+        images, trust, counts = render_frame(
             pixels,
             radius,
             aperture=aperture or Aperture(),
@@ -88,15 +98,18 @@ def render(
             left_right=left_right,
             num_layers=num_layers,
             psf_ks=psf_ks,
+            hidden=known,
             threads=threads,
             progress=progress,
         )
         done.append(images)
+        trusts.append(trust[0])
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
     results = torch.stack(done, 1).to(image.dtype)
     centre, *pair = (pictures.reshape(image.shape) for pictures in results)
     left, right = pair or (None, None)
-    return Rendering(centre, left, right, stats)
+    seen = torch.stack(trusts).to(image.dtype).reshape(*image.shape[:-3], 1, *image.shape[-2:])
+    return Rendering(centre, left, right, seen, stats)
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
@@ -123,6 +136,35 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
     return pixels, radii
+
+
+def _hidden(
+    hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor
+) -> list[HiddenLayer | None]:
+    """What is known behind each picture."""
+    if hidden is None:
+        return [None] * len(pictures)
+    shapes = [tuple(x.shape) for x in hidden]
+    sizes = [x.shape[1:] if len(pictures) == 1 else x.shape for x in (pictures, radii, radii)]
+    batched = [pictures.shape, radii.shape, radii.shape]
+    if shapes not in ([tuple(x) for x in sizes], [tuple(x) for x in batched]):
+        raise ValueError(
+            f"hidden must be color, signed_radius and mask of shapes {[*map(tuple, batched)]}, "
+            f"got {shapes}"
+        )
+    color, radius, mask = (x.reshape(b) for x, b in zip(hidden, batched, strict=True))
+    mask = mask.to(pictures.device).bool()
+    for name, values, some in (
+        ("color", color, mask[:, None].expand_as(pictures)),
+        ("signed_radius", radius, mask),
+    ):
+        if not bool(torch.isfinite(values.to(pictures.device)[some]).all()):
+            raise ValueError(
+                f"hidden.{name} must be finite where the mask is true; leave unknown pixels out"
+            )
+    color = torch.where(mask[:, None], color.to(pictures), 0.0)
+    radius = torch.where(mask, radius.to(radii), radii)
+    return [HiddenLayer(*one) for one in zip(color, radius, mask, strict=True)]
 
 
 def _check_count(name: str, count: int | None) -> None:

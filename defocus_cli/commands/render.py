@@ -7,7 +7,16 @@ from pathlib import Path
 import click
 
 from defocus_cli import options, report
-from defocus_cli.job import Job, Lens, Machine, Outputs, Reading, find_pictures, make_jobs
+from defocus_cli.job import (
+    Job,
+    Lens,
+    Machine,
+    Outputs,
+    Reading,
+    find_pictures,
+    make_jobs,
+    with_hidden,
+)
 from defocus_cli.option_types import FilePath
 
 
@@ -20,6 +29,7 @@ from defocus_cli.option_types import FilePath
 @click.argument("depth", type=FilePath(), required=False)
 @options.lens_options(required=True)
 @options.output_options
+@options.hidden_option
 @options.reading_options
 @options.machine_options
 @options.json_option
@@ -30,6 +40,7 @@ def command(
     depth: Path | None,
     lens: Lens,
     outputs: Outputs,
+    hidden: tuple[Path, Path] | None,
     reading: Reading,
     machine: Machine,
     as_json: bool,
@@ -47,6 +58,7 @@ def command(
       left, right   what the left and right half of the lens see (dual pixel)
       coc           signed radius of the circle of confusion in px, beyond the focus positive
       disparity     dual-pixel disparity in px, signed alike
+      trust         share of the lens that saw what the picture holds: 1 is nothing invented
 
     \b
     Examples:
@@ -55,7 +67,7 @@ def command(
       defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
       defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
     """  # noqa: D301  click reads the backspace
-    pictures = find_pictures(color, depth)
+    pictures = with_hidden(find_pictures(color, depth), color, hidden)
     jobs = make_jobs(pictures, lens, reading=reading, outputs=outputs, machine=machine)
     records = _plan(jobs, as_json) if dry_run else _run(jobs, verbose)
     if as_json:

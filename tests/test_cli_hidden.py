@@ -1,0 +1,99 @@
+"""--hidden and the trust map: what lies behind, and where it had to be invented."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import (
+    HEIGHT,
+    WIDTH,
+    color_exr,
+    depth_exr,
+    files_under,
+    header,
+    read_exr,
+    refused,
+    render,
+    texture,
+)
+
+CARD = (slice(4, 12), slice(8, 16))
+
+
+def scene(folder: Path, stem: str = "a", near: float = 0.1) -> tuple[Path, Path]:
+    """A near white card, blurred, before a texture at 2 m, in focus."""
+    pixels, metres = texture(), np.full((HEIGHT, WIDTH), 2.0, np.float32)
+    pixels[CARD], metres[CARD] = 1.0, near
+    return color_exr(folder / "rgb" / f"{stem}.exr", pixels), depth_exr(
+        folder / "depth" / f"{stem}.exr", metres
+    )
+
+
+def behind(folder: Path, stem: str = "a", red: float = 0.9) -> tuple[Path, Path]:
+    """Red behind the left half of the card; behind the right half nothing is known."""
+    pixels = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    metres = np.full((HEIGHT, WIDTH), np.inf, np.float32)
+    left = (CARD[0], slice(8, 12))
+    pixels[left], metres[left] = (red, 0.0, 0.0), 2.0
+    return color_exr(folder / "hidden" / f"{stem}.exr", pixels), depth_exr(
+        folder / "hidden_depth" / f"{stem}.exr", metres
+    )
+
+
+def test_hidden_shows_through_where_it_is_known(tmp_path: Path) -> None:
+    files, hidden = scene(tmp_path), behind(tmp_path)
+    assert render(*files, "-o", tmp_path / "without").code == 0
+    assert render(*files, "-o", tmp_path / "with", "--hidden", *hidden).code == 0
+    without, known = (read_exr(tmp_path / out / "render" / "a.exr") for out in ("without", "with"))
+    more = known["R"].astype(np.float32) - without["R"]
+    less = known["G"].astype(np.float32) - without["G"]
+    assert more[CARD][:, 0].mean() > 0.02
+    assert less[CARD][:, 0].mean() < -0.05
+    assert header(tmp_path / "with" / "render" / "a.exr")["defocus:hidden"] == "a.exr a.exr"
+
+
+def test_trust_is_a_float_map_of_shares(tmp_path: Path) -> None:
+    files, hidden = scene(tmp_path), behind(tmp_path)
+    assert render(*files, "-o", tmp_path / "o", "--outputs", "trust", "--preview").code == 0
+    assert files_under(tmp_path / "o") == {"trust/a.exr", "trust/a.preview.png"}
+    trust = read_exr(tmp_path / "o" / "trust" / "a.exr")["trust"]
+    assert trust.dtype == np.float32
+    assert trust[CARD].min() < 0.9
+    assert trust[0, 0] == pytest.approx(1.0, abs=1e-5)  # in focus, far from the card
+    args = ("-o", tmp_path / "k", "--outputs", "trust", "--hidden", *hidden)
+    assert render(*files, *args).code == 0
+    known = read_exr(tmp_path / "k" / "trust" / "a.exr")["trust"]
+    assert known[CARD][:, 0].mean() > trust[CARD][:, 0].mean() + 0.05
+
+
+def test_hidden_directories_pair_by_stem(tmp_path: Path) -> None:
+    for stem in ("a", "b"):
+        files, hidden = scene(tmp_path, stem), behind(tmp_path, stem)
+    folders = [file.parent for file in (*files, *hidden)]
+    assert render(*folders[:2], "-o", tmp_path / "o", "--hidden", *folders[2:]).code == 0
+    assert files_under(tmp_path / "o") == {"render/a.exr", "render/b.exr"}
+    scene(tmp_path, "c")
+    ran = render(*folders[:2], "-o", tmp_path / "p", "--hidden", *folders[2:])
+    refused(ran, 3, "hidden: nothing in it has the stem of c.exr")
+
+
+def test_hidden_that_does_not_fit(tmp_path: Path) -> None:
+    files, out = scene(tmp_path), tmp_path / "o"
+    _, deep = behind(tmp_path)
+    small = color_exr(tmp_path / "small.exr", texture(5, 4))
+    small_depth = depth_exr(tmp_path / "small_depth.exr", np.ones((4, 5), np.float32))
+    refused(render(*files, "-o", out, "--hidden", small, small_depth), 3, "small.exr: is 5x4 px")
+    refused(render(*files, "-o", out, "--hidden", small, deep), 3, "is 24x16 px but")
+    refused(render(*files, "-o", out, "--hidden", tmp_path / "x", deep), 3, "no such file")
+    refused(render(*files, "-o", out, "--hidden", tmp_path, tmp_path / "rgb"), 3, str(tmp_path))
+    assert not out.exists()
+
+
+def test_quality_reference_is_the_finest(tmp_path: Path) -> None:
+    files = scene(tmp_path, near=0.055)
+    slices = []
+    for quality in ("draft", "reference"):
+        args = ("-o", tmp_path / quality, "--quality", quality, "--json")
+        record = render(*files, *args).json["pictures"][0]
+        slices.append(record["stats"]["slices"])
+    assert slices[0] < slices[1]
