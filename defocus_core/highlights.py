@@ -9,14 +9,17 @@ nearer surface of radius r_k in front of it at q + u (r_q - r_k).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import max_pool2d
 
 from defocus_core.aperture import Aperture, Part, kernel
 from defocus_core.continuation import continued, next_level
 from defocus_core.convolution import reach
+from defocus_core.tiling import BLOCK, blocks_of
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
@@ -123,12 +126,11 @@ def _unobstructed(
     stopped = places.new_zeros(len(at), len(offset), len(offset))
     limit = r - torch.maximum(torch.full_like(r, _BEFORE[0]), _BEFORE[1] * r.abs())
     H, W = places.shape
-    present = torch.zeros(len(radii) + 1, dtype=torch.bool, device=places.device)
-    present[places.floor().long()] = True
-    present[places.ceil().long()] = True
+    farthest = extent + math.ceil(max(map(abs, radii)))  # |u (r_q - r_k)|
+    present = _present(highlights, farthest, places, len(radii))
     for k, radius in enumerate(radii):
-        before = torch.nonzero(limit > radius)[:, 0]
-        if not len(before) or not bool(present[k]):
+        before = torch.nonzero((limit > radius) & present[k])[:, 0]
+        if not len(before):
             continue
         scale = 1 - radius / r[before]  # where r is 0 only the pixel itself is drawn
         scale = torch.where(r[before].abs() > 0.5, scale, 1.0)
@@ -139,3 +141,12 @@ def _unobstructed(
         nearer = signed_radius[rows, columns] < limit[before, None, None]  # not its own surface
         stopped[before] += nearer * (1 - (places[rows, columns] - k).abs()).clamp(min=0)
     return (1 - stopped).clamp(min=0)
+
+
+def _present(highlights: Highlights, within: int, places: Tensor, slices: int) -> Tensor:
+    """Whether each slice has a pixel within some px of each highlight, or a block more: [K, n]."""
+    around = -(-within // BLOCK)
+    blocks = blocks_of(places, slices).to(torch.float32)
+    near = max_pool2d(blocks[None], 2 * around + 1, stride=1, padding=around)[0]
+    rows, columns = highlights.at.div(BLOCK, rounding_mode="floor").unbind(-1)
+    return near[:, rows, columns] > 0

@@ -14,7 +14,7 @@ from torch import Tensor
 
 TILE = 128
 # Px on a side of the blocks in which the presence of slices is recorded.
-_BLOCK = 16
+BLOCK = 16
 
 
 class Tile(NamedTuple):
@@ -63,10 +63,10 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Tile]) -> lis
     rows, columns = blocks.shape[1:]
     top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*tiles, strict=True))
     reach = torch.tensor(reaches)[None]  # [1, K]
-    y0 = ((top - reach).clamp(min=0) // _BLOCK).clamp(max=rows)
-    x0 = ((left - reach).clamp(min=0) // _BLOCK).clamp(max=columns)
-    y1 = ((top + height + reach + _BLOCK - 1) // _BLOCK).clamp(max=rows)
-    x1 = ((left + width + reach + _BLOCK - 1) // _BLOCK).clamp(max=columns)
+    y0 = ((top - reach).clamp(min=0) // BLOCK).clamp(max=rows)
+    x0 = ((left - reach).clamp(min=0) // BLOCK).clamp(max=columns)
+    y1 = ((top + height + reach + BLOCK - 1) // BLOCK).clamp(max=rows)
+    x1 = ((left + width + reach + BLOCK - 1) // BLOCK).clamp(max=columns)
     k = torch.arange(len(reaches))[None]
     inside = count[k, y1, x1] - count[k, y0, x1] - count[k, y1, x0] + count[k, y0, x0]
     return [torch.nonzero(row)[:, 0].tolist() for row in inside > 0]
@@ -81,8 +81,8 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
         present: [H, W] bool, which pixels exist; None if all do.
     """
     H, W = places.shape
-    down = torch.arange(H, dtype=torch.int32, device=places.device) // _BLOCK
-    across = torch.arange(W, dtype=torch.int32, device=places.device) // _BLOCK
+    down = torch.arange(H, dtype=torch.int32, device=places.device) // BLOCK
+    across = torch.arange(W, dtype=torch.int32, device=places.device) // BLOCK
     block = down[:, None] * _blocks(W) + across
     if present is not None:
         places, block = places[present], block[present]
@@ -91,12 +91,12 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
 
 def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
     """The same of points of positions [n] at rows and columns [n, 2] of a frame."""
-    block = at[:, 0] // _BLOCK * _blocks(size[1]) + at[:, 1] // _BLOCK
+    block = at[:, 0] // BLOCK * _blocks(size[1]) + at[:, 1] // BLOCK
     return _marked(places, block, slices, size)
 
 
 def _blocks(length: int) -> int:
-    return -(-length // _BLOCK)
+    return -(-length // BLOCK)
 
 
 def _marked(places: Tensor, block: Tensor, slices: int, size: tuple[int, int]) -> Tensor:

@@ -82,9 +82,13 @@ def test_defocus_is_a_mean(size: tuple[int, int], spread: float, blades: int, se
 def test_in_focus_is_identity(quality: str) -> None:
     image, radius = plane(0.0)
     o = render(image, radius, quality=quality, left_right=True)
-    assert torch.equal(o.render, image)
     assert o.left is not None
-    assert torch.equal(o.left, image)
+    if quality == "reference":  # sixteen parts sum up with rounding
+        assert worst(o.render, image) < 1e-14
+        assert worst(o.left, image) < 1e-14
+    else:
+        assert torch.equal(o.render, image)
+        assert torch.equal(o.left, image)
 
 
 def halves_of(image: Tensor, r: float, aperture: Aperture) -> tuple[Tensor, Tensor]:
