@@ -37,6 +37,8 @@ class Shot(NamedTuple):
 
 
 shots = st.builds(Shot, st.sampled_from(QUALITIES), st.sampled_from([0, 3, 5, 6, 7]))
+# reported: pixels of which a third around are steep may count as tilted or not in a mirror
+untilted = st.sampled_from(["constant", "checkerboard"])
 
 
 def noise(seed: int, *size: int) -> Tensor:
@@ -64,7 +66,7 @@ spreads = st.sampled_from([0.0, 0.3, 0.9, 4.0, 15.0, 60.0, 400.0, 1e5])
 
 
 @st.composite
-def radii(draw: st.DrawFn, size: tuple[int, int]) -> Tensor:
+def radii(draw: st.DrawFn, size: tuple[int, int], kinds: st.SearchStrategy[str]) -> Tensor:
     """Signed radii, from none to far more than the frame."""
     spread, seed = draw(spreads), draw(seeds)
     centre = draw(st.sampled_from([-1.0, 0.0, 0.6]))
@@ -72,7 +74,7 @@ def radii(draw: st.DrawFn, size: tuple[int, int]) -> Tensor:
 
 
 @st.composite
-def through_a_lens(draw: st.DrawFn, size: tuple[int, int]) -> Tensor:
+def through_a_lens(draw: st.DrawFn, size: tuple[int, int], kinds: st.SearchStrategy[str]) -> Tensor:
     """Signed radii of depths from a centimetre to a thousand kilometres, or the sky."""
     foclen = draw(st.sampled_from([4.0, 50.0, 400.0]))
     lens = DefocusLens(
@@ -93,15 +95,15 @@ def through_a_lens(draw: st.DrawFn, size: tuple[int, int]) -> Tensor:
 
 
 @st.composite
-def scenes(draw: st.DrawFn) -> tuple[Tensor, Tensor]:
+def scenes(draw: st.DrawFn, kinds: st.SearchStrategy[str] = kinds) -> tuple[Tensor, Tensor]:
     """A picture with noise and with white, and its radii."""
     size = draw(sizes)
-    radius = draw(st.one_of(radii(size), through_a_lens(size)))
+    radius = draw(st.one_of(radii(size, kinds), through_a_lens(size, kinds)))
     # reported: far beyond a frame each rung costs a window of the frame
     most = 1e5 if max(size) <= 24 else 2.0 * max(size) if max(size) <= 40 else 64.0
     radius = radius.clamp(-most, most)
     reach = float(radius.max() - radius.min())
-    if reach > 1:
+    if any(radius.shape[d] > 1 and float(radius.diff(dim=d).abs().max()) > 1 for d in (0, 1)):
         # reported: of a jump whose ends are rounded apart, what is hidden is continued by nothing
         unit = 2.0 ** (math.floor(math.log2(reach)) - 3)
         radius = (radius / unit).round() * unit
@@ -153,7 +155,7 @@ def test_half_precision_is_float32_rounded(
 
 
 @few
-@given(scene=scenes(), shot=shots, dim=st.sampled_from([-1, -2]))
+@given(scene=scenes(untilted), shot=shots, dim=st.sampled_from([-1, -2]))
 def test_mirrored_scenes_are_mirrored_pictures(
     scene: tuple[Tensor, Tensor], shot: Shot, dim: int
 ) -> None:
@@ -165,8 +167,10 @@ def test_mirrored_scenes_are_mirrored_pictures(
     )
     centre, left, right = (x.flip(dim) for x in mirrored)
     pair = (right, left) if dim == -1 else (left, right)
+    # a pixel's share of the pupil, 1 / π r², is a difference of areas of order one
+    tolerance = 10 * RENDERED[torch.float64] + 1e-16 * float(radius.abs().max()) ** 2
     for one, other in zip(pictures, (centre, *pair), strict=True):
-        assert worst(one, other) < 10 * RENDERED[torch.float64]
+        assert worst(one, other) < tolerance
 
 
 @st.composite
@@ -183,6 +187,7 @@ def lights(draw: st.DrawFn) -> tuple[Tensor, Tensor, int]:
     few = max(1, size[0] * size[1] // 250)
     rows, columns = (noise(seed + 2, 2, few) * torch.tensor([[size[0]], [10.0]])).long()
     image[0, rows, columns] = draw(st.sampled_from([1e2, 1e4, 1e6]))
+    image, radius = image.float().double(), radius.float().double()  # the truth's input is the same
     return image, radius, 10 + math.ceil(2 * spread) + 2
 
 
