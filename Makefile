@@ -1,7 +1,7 @@
 # make demo    render the sample scenes to out/
 # make test    ruff, mypy and the tests
 # make check   ruff and mypy alone
-# make bench   the tests that measure time
+# make bench   error and time on the sample scenes, then the tests that measure time
 # make clean   remove what these made, .venv too
 #
 # Each first makes .venv and installs into it what is missing. Variables:
@@ -40,6 +40,7 @@ test: check
 	$(RUN) pytest $(ARGS)
 
 bench: $(STAMP)
+	.venv/bin/defocus bench
 	$(RUN) pytest -m bench $(ARGS)
 
 clean:

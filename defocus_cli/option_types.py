@@ -71,6 +71,29 @@ class Kinds(click.ParamType[tuple[str, ...]]):
         return kinds
 
 
+class Names(click.ParamType[tuple[str, ...]]):
+    """Names separated by commas, each once; any if none are known."""
+
+    name = "names"
+
+    def __init__(self, known: Sequence[str] = ()) -> None:
+        self.known = known
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Split and check."""
+        if not isinstance(value, str):
+            return tuple(value)
+        names = tuple(dict.fromkeys(name.strip() for name in value.split(",")))
+        for name in names:
+            if not name or (self.known and name not in self.known):
+                known = f"choose from {', '.join(self.known)}" if self.known else "give names"
+                problem = f"'{name}' is not known" if name else "has an empty name"
+                raise UsageProblem(option_name(param), problem, f"{known}, separated by commas")
+        return names
+
+
 class Format(click.Choice[str]):
     """Type of the images; the long and short spellings of a suffix are the same."""
 

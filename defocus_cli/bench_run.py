@@ -1,0 +1,170 @@
+"""Renders a shot by each method and measures what came out, how long it took and in how much.
+
+Methods are the qualities of the renderer and the baselines it has to beat.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING
+
+from defocus_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from defocus_cli.bench_set import Pictures, Shot
+    from defocus_core.metrics import Errors
+
+BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}
+_PROBES = 7  # transforms whose median time is the unit
+
+
+@dataclass(frozen=True)
+class Row:
+    """One shot by one method.
+
+    Attributes:
+        scene: name.
+        shot: name.
+        method: a quality or a baseline.
+        errors: against the truth.
+        seconds: of the rendering alone, the median of its repetitions.
+        fft_units: the same in transforms of the frame there and back, RGBA float32.
+        peak_mb: most memory that the process held meanwhile, MB; None where no system tells.
+    """
+
+    scene: str
+    shot: str
+    method: str
+    errors: Errors
+    seconds: float
+    fft_units: float
+    peak_mb: float | None
+
+
+def measure_shot(
+    shot: Shot,
+    pictures: Pictures,
+    methods: Sequence[str],
+    *,
+    device: str,
+    threads: int,
+    repeat: int,
+) -> Iterator[Row]:
+    """One row for each method, when it is done.
+
+    Raises:
+        InputError: the picture does not fit into the memory of the GPU.
+    """
+    import torch
+
+    from defocus_core import metrics
+
+    sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    try:
+        unit = fft_unit(sharp, threads)
+        for method in methods:
+            work = _work(method, shot, sharp, radius, threads)
+            _reset_peak()
+            picture, seconds = timed(work, repeat)
+            peak = _peak_mb()
+            errors = metrics.measure(
+                picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
+            )
+            yield Row(shot.scene, shot.name, method, errors, seconds, seconds / unit, peak)
+    except torch.OutOfMemoryError:
+        problem = "does not fit into the memory of the GPU"
+        raise InputError(shot.folder, problem, "use --device cpu") from None
+
+
+def _work(
+    method: str, shot: Shot, sharp: Tensor, radius: Tensor, threads: int
+) -> Callable[[], Tensor]:
+    from defocus_core import Aperture, baselines, render
+
+    aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
+    if method == "input":
+        return lambda: sharp
+    if method == "sum":
+        return lambda: baselines.plain_sum(sharp, radius, aperture=aperture, threads=threads)
+    if method == "over":
+        return lambda: baselines.over(sharp, radius, aperture=aperture, threads=threads)
+    return lambda: render(sharp, radius, aperture=aperture, quality=method, threads=threads).render
+
+
+def warm_up(device: str) -> None:
+    """Render a tiny picture: what a process does once belongs to no shot.
+
+    From here on torch uses one thread: threads work on tiles or channels.
+    """
+    import torch
+
+    from defocus_core import render
+
+    torch.set_num_threads(1)
+    radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
+    render(radius[None].abs(), radius)
+
+
+def fft_unit(image: Tensor, threads: int) -> float:
+    """Seconds of one transform there and back of a frame of the image's size, RGBA float32.
+
+    Threads share the channels, as they share the tiles of a picture. Those of torch would wait for
+    one another wherever a core has other work.
+    """
+    import torch
+
+    from defocus_core.threads import threaded
+
+    height, width = image.shape[-2:]
+    frame = torch.rand((4, height, width), generator=torch.Generator().manual_seed(0))
+    frame = frame.to(image.device)
+
+    def there_and_back(channel: Tensor) -> Tensor:
+        back: Tensor = torch.fft.irfft2(torch.fft.rfft2(channel), s=(height, width))
+        return back
+
+    def round_trip() -> Tensor:
+        return list(threaded(there_and_back, frame.unbind(), threads))[-1]
+
+    timed(round_trip, 1)  # plans are made once
+    return timed(round_trip, _PROBES)[1]
+
+
+def timed(work: Callable[[], Tensor], repeat: int) -> tuple[Tensor, float]:
+    """What some work gives, and the median of the seconds it takes."""
+    import torch
+
+    seconds = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        result = work()
+        if result.is_cuda:
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - start)
+    return result, median(seconds)
+
+
+def _reset_peak() -> None:
+    """Let the peak of memory begin anew, where the system can."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_mb() -> float | None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    with suppress(OSError, ValueError, IndexError):  # Linux: can be reset
+        status = Path("/proc/self/status").read_text()
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 1024)

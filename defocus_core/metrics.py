@@ -1,0 +1,156 @@
+"""How far a picture is from its truth, and whether the error lies at depth edges.
+
+PSNR and SSIM look at what a screen shows: sRGB-encoded values, clipped to [0, 1]. RMSE and the
+percentile are of linear light. All is computed in float64.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+# PSNR in dB that stands for equality: mean squared errors below 1e-10.
+EQUAL = 99.0
+# A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px.
+_REACH, _SIGMA = 5, 1.5
+# Neighbours whose CoC radii differ by more px lie on two sides of a depth edge.
+_EDGE = 1.0
+_LUMA = (0.2126, 0.7152, 0.0722)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a picture.
+
+    Attributes:
+        psnr: dB, sRGB-encoded, for a peak of 1.
+        psnr_edges: The same over the pixels near depth edges; None if there are none.
+        psnr_elsewhere: The same over all other pixels; None if there are none.
+        rel_rmse: Linear RMSE over the mean of the truth.
+        ssim: Structural similarity of encoded luma.
+        p999: 99.9th percentile of the absolute error, linear.
+    """
+
+    psnr: float
+    psnr_edges: float | None
+    psnr_elsewhere: float | None
+    rel_rmse: float
+    ssim: float
+    p999: float
+
+
+def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: int) -> Errors:
+    """All errors of a picture, without a border that depends on what lies outside the frame.
+
+    Args:
+        picture: [3, H, W], linear.
+        truth: [3, H, W], linear.
+        signed_radius: [H, W] px.
+        border: Px left out on each side, the greatest CoC radius rounded up. Pixels as far from a
+            depth edge at most are near it.
+
+    Raises:
+        ValueError: If shapes differ, the border leaves less than 11 px, or a pixel of the picture
+            is not finite.
+    """
+    if picture.shape != truth.shape or picture.shape[-2:] != signed_radius.shape:
+        raise ValueError(
+            f"picture and truth must be [3, H, W] of the signed_radius {tuple(signed_radius.shape)}"
+            f", got {tuple(picture.shape)} and {tuple(truth.shape)}"
+        )
+    if min(signed_radius.shape) - 2 * border < 2 * _REACH + 1:
+        raise ValueError(f"border must leave 11 px at least, got {border}; use a larger picture")
+    if not bool(torch.isfinite(picture).all()):
+        raise ValueError("picture must be finite, got NaN or infinity")
+    edges = near_edges(signed_radius, border)
+    inner = (..., slice(border, -border or None), slice(border, -border or None))
+    picture, truth, edges = picture[inner].double(), truth[inner].double(), edges[inner]
+    shown, aim = encoded(picture), encoded(truth)
+    squares = (shown - aim).square().mean(0)  # [H, W]
+    error = picture - truth
+    return Errors(
+        psnr=decibels(squares),
+        psnr_edges=decibels(squares[edges]) if bool(edges.any()) else None,
+        psnr_elsewhere=None if bool(edges.all()) else decibels(squares[~edges]),
+        rel_rmse=float(error.square().mean().sqrt() / truth.mean()),
+        ssim=ssim(luma(shown), luma(aim)),
+        p999=percentile(error.abs(), 99.9),
+    )
+
+
+def encoded(linear: Tensor) -> Tensor:
+    """sRGB-encoded (IEC 61966-2-1), clipped to [0, 1]."""
+    x = linear.clamp(0, 1)
+    curve = 1.055 * x.clamp(min=0.003) ** (1 / 2.4) - 0.055
+    return torch.where(x <= 0.0031308, 12.92 * x, curve)
+
+
+def luma(rgb: Tensor) -> Tensor:
+    """Luma [H, W] of encoded Rec. 709 pixels [3, H, W]."""
+    return torch.einsum("chw,c->hw", rgb, rgb.new_tensor(_LUMA))
+
+
+def decibels(squares: Tensor) -> float:
+    """PSNR of squared errors for a peak of 1; 99 if their mean is below 1e-10."""
+    mean = float(squares.mean())
+    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
+
+
+def ssim(a: Tensor, b: Tensor) -> float:
+    """Structural similarity (Wang et al. 2004) of pictures [H, W] in [0, 1].
+
+    Means, variances and covariance are weighted by a gaussian of sigma 1.5 over 11 x 11 px, with
+    C1 = 0.01² and C2 = 0.03². The mean is over the windows that lie within the picture.
+    """
+    mean_a, mean_b = _blurred(a), _blurred(b)
+    variance_a = _blurred(a * a) - mean_a * mean_a
+    variance_b = _blurred(b * b) - mean_b * mean_b
+    covariance = _blurred(a * b) - mean_a * mean_b
+    light = (2 * mean_a * mean_b + 1e-4) / (mean_a * mean_a + mean_b * mean_b + 1e-4)
+    structure = (2 * covariance + 9e-4) / (variance_a + variance_b + 9e-4)
+    return float((light * structure).mean())
+
+
+def _blurred(x: Tensor) -> Tensor:
+    offset = torch.arange(-_REACH, _REACH + 1, dtype=x.dtype, device=x.device)
+    weights = torch.exp(-offset * offset / (2 * _SIGMA * _SIGMA))
+    weights = weights / weights.sum()
+    for axis in (-2, -1):
+        x = x.unfold(axis, 2 * _REACH + 1, 1) @ weights
+    return x
+
+
+def percentile(values: Tensor, percent: float) -> float:
+    """The percentile of some values, linear between the two nearest."""
+    place = percent / 100 * (values.numel() - 1)
+    lower = math.floor(place)
+    top = values.flatten().topk(values.numel() - lower).values
+    low, high = float(top[-1]), float(top[max(len(top) - 2, 0)])
+    return low + (place - lower) * (high - low)
+
+
+def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
+    """Which pixels [H, W] lie within a distance in px of a depth edge.
+
+    Both pixels beside an edge belong to it: neighbours in a row or a column whose signed radii
+    differ by more than 1 px.
+    """
+    H, W = signed_radius.shape
+    edge = torch.zeros((H, W), dtype=torch.bool, device=signed_radius.device)
+    across = (signed_radius[:, 1:] - signed_radius[:, :-1]).abs() > _EDGE
+    down = (signed_radius[1:] - signed_radius[:-1]).abs() > _EDGE
+    edge[:, 1:] |= across
+    edge[:, :-1] |= across
+    edge[1:] |= down
+    edge[:-1] |= down
+    # Counted by transform: an edge pixel within the disc around each pixel.
+    reach = math.floor(distance)
+    offset = torch.arange(-reach, reach + 1, dtype=torch.float64, device=edge.device)
+    disc = (offset[:, None].square() + offset.square() <= distance * distance).double()
+    size = (H + 2 * reach, W + 2 * reach)
+    spectrum = torch.fft.rfft2(edge.double(), s=size) * torch.fft.rfft2(disc, s=size)
+    count: Tensor = torch.fft.irfft2(spectrum, s=size)
+    return count[reach : reach + H, reach : reach + W] > 0.5
