@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -71,6 +72,10 @@ RIGHT = Part(x0=0.0)
 _LEAST_RADIUS = 1e-6
 # A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
 _LEVEL_SLOPE = 1e-6
+# Cuts between sixteen parts, along both axes; the outer cells of a disc are then about as large.
+_CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
+# The least share of the pupil that is a part.
+_LEAST_PART = 1e-3
 # Pixels across the pupil with which the weight of a part of a gaussian pupil is summed.
 _WEIGHING_RADIUS = 256.0
 
@@ -140,30 +145,34 @@ def part_area(aperture: Aperture, part: Part) -> float:
 
 
 def parts(aperture: Aperture, count: int) -> list[Part]:
-    """Cut the pupil into parts of equal area, the first half of them LEFT, the second RIGHT.
+    """Cut the pupil into parts, first those of the LEFT half, then those of the RIGHT.
 
-    Each half is halved again in turn by y and by x, at the line that halves the area. The parts
-    of a symmetric pupil are symmetric; the halves of an asymmetric polygon keep their own areas.
+    Two are the halves, four the halves halved again, each by area. Sixteen are the cells of a grid
+    that a quarter turn leaves as it is; they differ in area, and those that hold next to nothing
+    of a polygon are left out. The parts of a symmetric pupil are symmetric.
 
     Raises:
-        ValueError: If count is not a power of two.
+        ValueError: If count is not 1, 2, 4 or 16.
     """
-    if count < 1 or count & (count - 1):
-        raise ValueError(f"count must be a power of two, got {count}; use 1, 2, 4, 8 or 16")
+    if count not in (1, 2, 4, 16):
+        raise ValueError(f"count must be 1, 2, 4 or 16, got {count}; 4 is twice the halves")
     return list(_parts(replace(aperture, psf_type="pillbox"), count))
 
 
 @lru_cache(maxsize=256)
 def _parts(aperture: Aperture, count: int) -> tuple[Part, ...]:
-    cells = [LEFT, RIGHT] if count > 1 else [FULL]
-    lower, upper = "y0", "y1"
-    while len(cells) < count:
-        halves = []
-        for cell in cells:
-            cut = _halving_cut(aperture, cell, lower, upper)
-            halves += [replace(cell, **{upper: cut}), replace(cell, **{lower: cut})]
-        cells = halves
-        lower, upper = ("x0", "x1") if lower == "y0" else ("y0", "y1")
+    if count == 1:
+        return (FULL,)
+    if count == 16:
+        sides = list(pairwise(_CUTS))
+        cells = [Part(x0, x1, y0, y1) for x0, x1 in sides for y0, y1 in sides]
+        least = _LEAST_PART * _part_area(aperture, FULL)
+        return tuple(cell for cell in cells if _part_area(aperture, cell) > least)
+    cells = [LEFT, RIGHT]
+    if count == 4:
+        cuts = [_halving_cut(aperture, cell, "y0", "y1") for cell in cells]
+        pairs = zip(cells, cuts, strict=True)
+        cells = [part for cell, y in pairs for part in (replace(cell, y1=y), replace(cell, y0=y))]
     return tuple(cells)
 
 

@@ -28,6 +28,9 @@ from defocus_core.threads import threaded
 from defocus_core.tiling import grid_over
 from defocus_core.windows import windows
 
+# Brightness over the median beyond which float32 is not enough.
+_RANGE = 1e3
+
 
 def render_frame(
     pixels: Tensor,
@@ -94,11 +97,11 @@ class _Frame:
         signed_radius = without_ramps(signed_radius)
         self.parts = parts(aperture, quality.parts)
         self.centre = len(self.parts)
-        self.weights = [part_area(aperture, part) for part in self.parts]
         self.left_right = left_right
         self.signed = bool((pixels < 0).any())
         if left_right and self.centre == 1:
             self.parts = [*self.parts, LEFT, RIGHT]
+        self.weights = [part_area(aperture, part) for part in self.parts]
         all_radii = [signed_radius.detach().flatten()]
         if known is not None:
             all_radii.append(known.signed_radius[known.mask])
@@ -108,6 +111,8 @@ class _Frame:
         self.layers = layers(self.radii, quality)
         self.grid = grid_over(H, W)
         pixels, highlights = split(pixels, signed_radius)
+        if _needs_double(pixels):
+            pixels, signed_radius = pixels.double(), signed_radius.double()
         own, coverage, fringe = unmixed(pixels, signed_radius)
         lean = slopes(signed_radius, quality.least_slope)
         side = (self.grid.tiles[0].height, self.grid.tiles[0].width)
@@ -175,8 +180,12 @@ class _Frame:
         centre = picture(whole, self.weights[: self.centre])
         if not self.left_right:
             return centre[None], trust
-        left, right = (halves[0][0] if halves else whole).tensor_split(2)
-        pair = pair_of(centre, picture(left), picture(right), signed=self.signed)
+        both = halves[0][0] if halves else whole
+        first = self.groups[-1].start
+        cut = sum(1 for part in self.parts[first:] if part.x1 <= 0)
+        left = picture(both[:cut], self.weights[first : first + cut])
+        right = picture(both[cut:], self.weights[first + cut :])
+        pair = pair_of(centre, left, right, signed=self.signed)
         return torch.cat([centre[None], pair]), trust
 
     def _trust(self, covered: Tensor, observed: Tensor, index: int) -> Tensor:
@@ -239,6 +248,14 @@ class _Frame:
             "slice_tiles_blurred": sum(1 for window in work if window.margin),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }
+
+
+def _needs_double(pixels: Tensor) -> bool:
+    """Whether the rounding of float32 transforms, 1e-7 of the brightest, would show in the dark."""
+    brightness = pixels.detach().amax(0)
+    some = brightness[::3, ::3].flatten()
+    lit = some[some > 0]
+    return bool(len(lit)) and bool(brightness.max() > _RANGE * lit.median())
 
 
 def _slice_radii(

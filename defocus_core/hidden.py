@@ -93,8 +93,8 @@ def _borders(near: Tensor, far: Tensor) -> list[float]:
     apart = far - near > ((near + far).abs() * (_CLOSE / 2)).clamp(min=_EDGE)
     near, far = (near[apart], far[apart]) if bool(apart.any()) else (near, far)
     unit = (far - near).log2().floor().sub(3).exp2().clamp(min=1 / _GRAINS)
-    low = ((near / unit).floor() * unit * _GRAINS).long()
-    high = ((far / unit).ceil() * unit * _GRAINS).long()
+    low = ((near / unit).ceil() * unit * _GRAINS).long()
+    high = ((far / unit).floor() * unit * _GRAINS).long()
     pairs = torch.unique((low << 32) + high).cpu()
     high = (pairs << 32) >> 32
     low = (pairs - high) >> 32

@@ -16,7 +16,7 @@ class Quality:
             occlude each other.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
-        parts: Parts of the aperture that are composited one by one for the centre image: 1, 4, 8
+        parts: Parts of the aperture that are composited one by one for the centre image: 1, 4
             or 16. With one, the dual-pixel pair composites its halves besides.
     """
 

@@ -75,7 +75,7 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     a, b, c, inner = (
         t.to(signed_radius.device, signed_radius.dtype) for t in (a, b, c, ladder[1:-1])
     )
-    lower = torch.bucketize(signed_radius.detach(), inner, right=True)
+    lower = torch.bucketize(signed_radius.detach().contiguous(), inner, right=True)
     share = torch.addcmul(c[lower], a[lower], signed_radius * signed_radius)
     if bool(b.any()):
         share = share.addcmul(b[lower], signed_radius)

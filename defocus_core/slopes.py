@@ -16,7 +16,7 @@ from torch.nn.functional import avg_pool2d
 _SMALL = 0.05
 # Px to each side of a pixel, and the share of those that must be steep.
 _AROUND = 5
-_AREA = 1 / 3
+_AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
 
 
 def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:

@@ -172,3 +172,21 @@ def test_blades_that_make_no_polygon_are_refused() -> None:
 def test_a_finer_quality_has_more_slices() -> None:
     slices = [render(IMAGE, 3 * RADIUS, quality=q).stats["slices"] for q in QUALITIES]
     assert slices == sorted(set(slices))
+
+
+@pytest.mark.parametrize("r", [9.0, 70.0, 400.0, 1e5])
+def test_two_pixels_far_apart_in_depth_stay_white(r: float) -> None:
+    """A border between near and far radii has the far one beyond it."""
+    assert worst(render(torch.ones(1, 1, 2), torch.tensor([[-r, r]])).render, 1.0) < WHITE
+    odd = (torch.arange(30)[:, None] + torch.arange(30)) % 2
+    checkerboard = torch.where(odd == 1, 70.0, -70.0)
+    assert worst(render(torch.ones(1, 30, 30), checkerboard).render, 1.0) < WHITE
+
+
+def test_rounding_beside_a_bright_patch_does_not_show() -> None:
+    """A hundredth of the picture is 1e8 times as bright as the rest: too much for highlights."""
+    image, radius = torch.full((1, 100, 140), 1e-2), torch.full((100, 140), 0.7)
+    image[:, :12, :12] = 1e6
+    seen = render(image, radius).render[:, 40:, 40:]
+    assert seen.dtype == torch.float32
+    assert worst(seen / 1e-2, 1.0) < 1e-4
