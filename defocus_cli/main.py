@@ -17,7 +17,7 @@ from defocus_cli.errors import UsageProblem, UserError, did_you_mean, one_line, 
 from defocus_cli.option_types import option_name
 from defocus_cli.report import version
 
-COMMANDS = ("render", "info", "bench")
+COMMANDS = ("render", "info", "bench", "verify")
 NO_SPACE = 28  # errno.ENOSPC
 
 

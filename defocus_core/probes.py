@@ -1,0 +1,137 @@
+"""Small pictures that show whether a law of the lens holds, and numbers read from their renderings.
+
+Pictures are float64 on the CPU, with the signed CoC radius in px of each of their pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import max_pool2d
+
+SIZE = (72, 150)  # H, W: not square, more than one tile
+# Px between the samples of a rim's profile.
+_STEP = 0.25
+
+
+class Scene(NamedTuple):
+    """A picture [C, H, W] and the signed radius [H, W] px of its pixels."""
+
+    image: Tensor
+    signed_radius: Tensor
+
+
+def spot(r: float, *, light: bool) -> Scene:
+    """One odd pixel in the middle of a frame whose border its blur does not see.
+
+    A light is 1 on black, and drawn by its own kernel. Otherwise the pixel is black on white, a
+    mark on a surface, which goes through slices.
+    """
+    n = 2 * math.ceil(2.4 * abs(r)) + 9  # the rung above r is 20 % wider at most
+    image = torch.full((1, n, n), 0.0 if light else 1.0, dtype=torch.float64)
+    image[:, n // 2, n // 2] = 1.0 if light else 0.0
+    return Scene(image, torch.full((n, n), r, dtype=torch.float64))
+
+
+def waves(size: tuple[int, int] = SIZE) -> Tensor:
+    """Smooth coloured waves in [0.1, 0.9]: [3, H, W]."""
+    y, x = (torch.arange(n, dtype=torch.float64) for n in size)
+    phases = [(1.0, 0.3), (-0.4, 1.0), (0.7, 0.7)]
+    turns = [(a * x + b * y[:, None]) / 11 for a, b in phases]
+    return 0.5 + 0.4 * torch.sin(2 * math.pi * torch.stack(turns))
+
+
+def slope(size: tuple[int, int] = SIZE) -> Tensor:
+    """Radius of a plane through the focus that recedes to the right and upwards: [H, W] px."""
+    across = torch.linspace(0, 1, size[1], dtype=torch.float64)
+    upward = torch.linspace(1, 0, size[0], dtype=torch.float64)[:, None]
+    return -6.0 + 15.0 * (0.8 * across + 0.2 * upward)
+
+
+def strips(size: tuple[int, int] = SIZE) -> Tensor:
+    """Radius of four upright strips in a mixed order of depth: [H, W] px."""
+    values = torch.tensor([4.0, -5.0, 0.0, 8.0], dtype=torch.float64)
+    return values[torch.arange(size[1]) * 4 // size[1]].expand(size).clone()
+
+
+def noise(size: tuple[int, int] = SIZE) -> Tensor:
+    """Independent radii from -9 to 9 px: [H, W]."""
+    generator = torch.Generator().manual_seed(0)
+    return 18.0 * torch.rand(size, generator=generator, dtype=torch.float64) - 9.0
+
+
+def card(
+    card_r: float, background_r: float, *, plain: bool = False, size: tuple[int, int] = SIZE
+) -> Scene:
+    """A card before waves, or before one dark colour."""
+    H, W = size
+    on_card = torch.zeros(size, dtype=torch.bool)
+    on_card[H // 4 : 2 * H // 3, W // 3 : 3 * W // 5] = True
+    tint = torch.tensor([0.95, 0.75, 0.3], dtype=torch.float64)[:, None, None]
+    background = torch.full((3, H, W), 0.3, dtype=torch.float64) if plain else 0.6 * waves(size)
+    radius = torch.where(on_card, card_r, background_r).to(torch.float64)
+    return Scene(torch.where(on_card, tint, background), radius)
+
+
+def worst(difference: Tensor) -> float:
+    """Greatest absolute value."""
+    return float(difference.detach().abs().max())
+
+
+def worst_relative(difference: Tensor, picture: Tensor) -> float:
+    """Greatest absolute value, as a share of the greatest of the picture within 4 px."""
+    around = max_pool2d(picture.abs(), 9, stride=1, padding=4)
+    return worst(difference / around.clamp(min=1e-12))
+
+
+def centroid(response: Tensor) -> tuple[float, float]:
+    """Column and row of the centre of mass of a response [n, n], in px from the middle pixel."""
+    share, at = response / response.sum(), _centred(response)
+    return float((share.sum(0) * at).sum()), float((share.sum(1) * at).sum())
+
+
+def disc_radius(response: Tensor) -> float:
+    """Radius in px of the disc with the second moment of a response [n, n].
+
+    A disc has r²/4 on each axis, the integration over a pixel adds 1/12 px².
+    """
+    share, square = response / response.sum(), _centred(response).square()
+    moment = float((share.sum(0) * square).sum() + (share.sum(1) * square).sum()) / 2
+    return 2 * math.sqrt(max(moment - 1 / 12, 0.0))
+
+
+def rim_width(response: Tensor, r: float) -> float:
+    """Px over which the disc of a response [n, n] falls from 90 % to 10 % of its plateau.
+
+    All pixels are sorted by their distance from the middle, as along a slanted edge; infinity if
+    there is no such fall.
+    """
+    at = _centred(response)
+    distance = torch.hypot(at, at[:, None])
+    plateau = response[distance < 0.5 * abs(r)].mean()
+    ring = distance > 0.6 * abs(r)
+    index = (distance[ring] / _STEP).long()
+    zeros = response.new_zeros(int(index.max()) + 1)
+    count = zeros.index_add(0, index, torch.ones_like(distance[ring]))
+    mean = [zeros.index_add(0, index, x[ring])[count > 0] for x in (distance, response / plateau)]
+    place, height = (x / count[count > 0] for x in mean)
+    return _falls_to(0.1, place, height) - _falls_to(0.9, place, height)
+
+
+def _falls_to(level: float, place: Tensor, height: Tensor) -> float:
+    """Where a falling profile first reaches a level."""
+    below = torch.nonzero(height < level)
+    if not len(below) or int(below[0]) == 0:
+        return math.inf if level < 0.5 else -math.inf
+    k = int(below[0])
+    share = (height[k - 1] - level) / (height[k - 1] - height[k])
+    return float(place[k - 1] + share * (place[k] - place[k - 1]))
+
+
+def _centred(response: Tensor) -> Tensor:
+    """Coordinates of pixels from the middle one."""
+    n = response.shape[-1]
+    return torch.arange(n, dtype=response.dtype, device=response.device) - n // 2
