@@ -58,15 +58,7 @@ def over(
 ) -> Tensor:
     """Blurred slices composited front to back by `over` (Porter & Duff 1984), divided by alpha.
 
-    Args:
-        image: [C, H, W], linear light.
-        signed_radius: [H, W] px, negative nearer than focus.
-        aperture: The pupil, a round one by default.
-        quality: Whose ladder of slices to use.
-        threads: Channels transformed at once.
-
-    Returns:
-        [C, H, W].
+    Arguments and result are those of `plain_sum`.
     """
     slices = _blurred_slices(image, signed_radius, aperture or Aperture(), quality, threads)
     seen = next(slices).clone()

@@ -61,6 +61,14 @@ def refused(ran: Ran, code: int, *words: str) -> None:
         assert word in ran.err
 
 
+def refused_input(ran: Ran, file: Path, *words: str) -> None:
+    """Refused because of ``file``, with a remedy, and nothing written beside the inputs."""
+    refused(ran, 3, *words)
+    assert ran.err.startswith(f"defocus: {file}: ")
+    assert "; " in ran.err
+    assert not (file.parent / "out").exists()
+
+
 def write_exr(path: Path, **channels: np.ndarray[Any, Any]) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -104,3 +112,9 @@ def pair(folder: Path, stem: str = "a") -> tuple[Path, Path]:
 
 def files_under(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def thin_lens_radius(z_mm: np.ndarray[Any, Any], *, s: float = 2000.0) -> np.ndarray[Any, Any]:
+    """f²/(N (s − f)) (z − s)/z / (2 p) for the lens of `command_line.LENS`."""
+    f, N = 50.0, 2.0
+    return np.asarray(f * f / (N * (s - f)) * (z_mm - s) / z_mm / (2 * PITCH))

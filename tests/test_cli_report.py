@@ -1,0 +1,94 @@
+"""What ``defocus render`` tells people and scripts, and when it keeps quiet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import (
+    HEIGHT,
+    LENS,
+    WIDTH,
+    Terminal,
+    color_exr,
+    depth_exr,
+    pair,
+    ramp,
+    render,
+    run,
+    texture,
+    thin_lens_radius,
+)
+
+from defocus_cli.job import KINDS
+from defocus_core.tiling import TILE
+
+EVERYTHING = ",".join(KINDS)
+
+
+def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path: Path) -> None:
+    for stem in ("a", "b"):
+        color, depth = pair(tmp_path, stem)
+    args = ("render", *LENS, "-o", tmp_path / "out", "--overwrite", color.parent, depth.parent)
+    watched = run(*args, err=Terminal())
+    assert "0/2 [" in watched.err
+    assert watched.out == ""
+    assert "0/2 [" not in run(*args).err
+    lone = run(*args[:-2], color, depth, err=Terminal()).err
+    assert "picture/s]" not in lone
+
+
+def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "c.exr", texture(2 * TILE, TILE))
+    depth = depth_exr(tmp_path / "z.exr", ramp(2 * TILE, TILE))
+    args = (color, depth, "-o", tmp_path / "out", "--overwrite", "--json")
+    watched = run("render", *LENS, *args, err=Terminal())
+    assert "0/2 [" in watched.err
+    assert watched.json["pictures"]
+    unwatched = render(*args)
+    assert unwatched.err.count("\n") == 1
+    assert "\r" not in unwatched.err
+
+
+def test_json_tells_what_was_done(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "render,coc", "--json")
+    (picture,) = ran.json["pictures"]
+    assert ran.json["defocus"]
+    assert picture["stem"] == "a"
+    assert (picture["color"], picture["depth"]) == (str(color), str(depth))
+    assert picture["size"] == [WIDTH, HEIGHT]
+    assert picture["lens"]["focal_length_mm"] == 50
+    assert picture["lens"]["fnumber"] == 2
+    assert picture["lens"]["sensor_width_mm"] == 36
+    assert picture["lens"]["focus_mm"] == 2000
+    assert picture["coc_px"] == pytest.approx(thin_lens_radius(np.array([1e3, 4e3])), rel=1e-5)
+    assert picture["outputs"] == {
+        kind: str(tmp_path / "out" / kind / "a.exr") for kind in ("render", "coc")
+    }
+    assert picture["render_seconds"] > 0
+    assert picture["render_cpu_seconds"] > 0
+    assert picture["warnings"] == []
+    assert isinstance(picture["stats"], dict)
+
+
+def test_people_are_told_in_one_line_on_stderr(tmp_path: Path) -> None:
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "left,right")
+    assert ran.out == ""
+    assert ran.err.count("\n") == 1
+    for words in ("a: 24x16", "50mm f/2", "focus 2m", "sensor 36mm", "{left,right}/a.exr"):
+        assert words in ran.err
+
+
+def test_verbose_says_what_was_chosen(tmp_path: Path) -> None:
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "-v", "--threads", "1")
+    assert "channel Z, metres" in ran.err
+    assert "1 thread" in ran.err
+
+
+def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "c.exr", np.full((HEIGHT, WIDTH, 3), 1e6, np.float32))
+    ran = render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--json")
+    assert len(ran.json["pictures"][0]["warnings"]) == 1
+    assert "c: warning: " in ran.err
