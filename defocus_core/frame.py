@@ -113,6 +113,8 @@ class _Frame:
         pixels, highlights = split(pixels, signed_radius)
         if _needs_double(pixels):
             pixels, signed_radius = pixels.double(), signed_radius.double()
+            if known is not None:
+                known = HiddenLayer(known.color.double(), known.signed_radius.double(), known.mask)
         own, coverage, fringe = unmixed(pixels, signed_radius)
         lean = slopes(signed_radius, quality.least_slope)
         side = (self.grid.tiles[0].height, self.grid.tiles[0].width)

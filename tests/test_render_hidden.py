@@ -92,3 +92,16 @@ def test_a_hidden_layer_that_does_not_fit_is_refused(hidden: HiddenLayer, messag
     image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
     with pytest.raises(ValueError, match=message):
         render(image, radius, hidden=hidden)
+
+
+def test_what_is_known_behind_a_picture_of_great_range_keeps_the_dark_dark() -> None:
+    """Such a picture is computed in float64, and what lies behind it too."""
+    image, radius = flatten(card_layers(-5.0, 0.0), SIZE)
+    hidden = behind(-5.0, 0.0)
+    image[:, :3, :6] = 1e6
+    hidden.color[:, :3, :6] = 1e6
+    exact = render(image, radius, hidden=hidden).render[:, 12:, 14:]
+    single = HiddenLayer(hidden.color.float(), hidden.signed_radius.float(), hidden.mask)
+    seen = render(image.float(), radius.float(), hidden=single).render
+    assert seen.dtype == torch.float32
+    assert worst(seen[:, 12:, 14:] / exact, 1.0) < 1e-4
