@@ -48,8 +48,8 @@ def deliver(
     from defocus_cli.encode import write_image, write_map
     from defocus_cli.preview import write_coc_preview, write_preview
 
-    outputs, stem = outcome.job.outputs, outcome.job.picture.stem
-    paths, previews = outputs.paths(stem), outputs.previews(stem)
+    outputs = outcome.job.outputs
+    paths, previews = outcome.job.paths, outcome.job.previews
     maps = {"coc": radius, "disparity": radius * DISPARITY_PER_RADIUS}
     if "trust" in images:
         maps["trust"] = images["trust"]

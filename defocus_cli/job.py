@@ -105,12 +105,27 @@ class Job:
     reading: Reading
     outputs: Outputs
     machine: Machine
+    suffix: str = ""  # what tells this lens from the others that take the same picture
+
+    @property
+    def sample_id(self) -> str:
+        """The name of what is made, and the stem of its files."""
+        return self.picture.stem + self.suffix
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """The file of each kind."""
+        return self.outputs.paths(self.sample_id)
+
+    @property
+    def previews(self) -> dict[str, Path]:
+        """The preview of each kind; empty when none are wanted."""
+        return self.outputs.previews(self.sample_id)
 
     @property
     def written(self) -> list[Path]:
         """Every file this job writes."""
-        stem = self.picture.stem
-        return [*self.outputs.paths(stem).values(), *self.outputs.previews(stem).values()]
+        return [*self.paths.values(), *self.previews.values()]
 
 
 def find_pictures(color: Path, depth: Path | None) -> list[Picture]:

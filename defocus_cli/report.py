@@ -104,14 +104,13 @@ def lens_words(lens: Lens) -> str:
 
 def plan_record(job: Job) -> dict[str, Any]:
     """What a job would read and write."""
-    stem = job.picture.stem
     return {
-        "stem": stem,
+        "stem": job.sample_id,
         "color": str(job.picture.color),
         "depth": str(job.picture.depth),
         "lens": lens_record(job.lens),
-        "outputs": {kind: str(path) for kind, path in job.outputs.paths(stem).items()},
-        "previews": {kind: str(path) for kind, path in job.outputs.previews(stem).items()},
+        "outputs": {kind: str(path) for kind, path in job.paths.items()},
+        "previews": {kind: str(path) for kind, path in job.previews.items()},
     }
 
 
@@ -119,7 +118,7 @@ def plan_line(job: Job) -> str:
     """What a job would read and write, in words."""
     inputs = dict.fromkeys([str(job.picture.color), str(job.picture.depth)])
     return (
-        f"{job.picture.stem}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
+        f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
         f"would write {_written_words(job)}"
     )
 
@@ -146,12 +145,12 @@ def outcome_lines(outcome: Outcome, *, verbose: bool) -> Iterator[str]:
     width, height = outcome.size
     near, far = outcome.coc_px
     yield (
-        f"{outcome.job.picture.stem}: {width}x{height}, {lens_words(outcome.lens)}, "
+        f"{outcome.job.sample_id}: {width}x{height}, {lens_words(outcome.lens)}, "
         f"CoC {near:.2f} to {far:.2f} px, {outcome.render_seconds:.2f} s -> "
         f"{_written_words(outcome.job)}"
     )
     for warning in outcome.warnings:
-        yield f"{outcome.job.picture.stem}: warning: {warning}"
+        yield f"{outcome.job.sample_id}: warning: {warning}"
     if verbose:
         yield f"  depth: {outcome.depth_note}"
         yield (
