@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -12,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.errors import InputError, UsageProblem, reason
+from defocus_cli.errors import InputError, UsageProblem
+from defocus_cli.focusing import focused, signed_radius
 from defocus_cli.job import IMAGE_KINDS, RENDERED_KINDS, Job, Lens, Picture, Reading
-from defocus_cli.lens_file import refuse_near_focus
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,15 +22,13 @@ if TYPE_CHECKING:
     from defocus_cli.depth import Depth
     from defocus_cli.images import Color
 
-MM_PER_M = 1000.0
-
 
 @dataclass(frozen=True)
 class Outcome:
     """What became of a job."""
 
     job: Job
-    lens: Lens  # with the focus distance that --focus-at found
+    lens: Lens  # with the focus distance that was found
     size: tuple[int, int]  # width, height
     coc_px: tuple[float, float]  # smallest and largest signed radius
     depth_note: str
@@ -110,43 +107,6 @@ def choose_device(name: str) -> str:
     if name == "cuda" and not found:
         raise UsageProblem("--device", "PyTorch finds no CUDA GPU here", "use --device cpu or auto")
     return "cuda" if found else "cpu"
-
-
-def focused(lens: Lens, depth: Depth) -> Lens:
-    """The lens with its focus distance known, looked up in ``depth`` for ``--focus-at``."""
-    if lens.focus_at is None:
-        return lens
-    (x, y), (height, width) = lens.focus_at, depth.metres.shape
-    if not (0 <= x < width and 0 <= y < height):
-        raise UsageProblem(
-            "--focus-at",
-            f"{x},{y} lies outside {depth.path} of {width}x{height} px",
-            f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
-        )
-    foc_dist = float(depth.metres[y, x]) * MM_PER_M
-    refuse_near_focus(foc_dist, lens.foclen, f"--focus-at: {depth.path} at {x},{y}")
-    return dataclasses.replace(lens, foc_dist=foc_dist)
-
-
-def signed_radius(
-    lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
-) -> NDArray[np.float32]:
-    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
-    import numpy as np
-    import torch
-
-    from defocus_core import DefocusLens
-
-    width, height = size
-    sensor = (lens.sensor_width, lens.sensor_width * height / width)
-    depth_mm = torch.from_numpy(metres.astype(np.float64)) * MM_PER_M
-    try:
-        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
-        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
-    except ValueError as error:
-        raise UsageProblem("--focus", reason(error), "check the lens options") from error
-    radius: NDArray[np.float32] = thin.signed_radius(depth_mm).float().numpy()
-    return radius
 
 
 def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
@@ -241,7 +201,7 @@ def _render(
         rendering = render(
             image,
             signed,
-            aperture=Aperture(job.lens.blades, job.lens.blade_rotation),
+            aperture=Aperture(outcome.lens.blades, outcome.lens.blade_rotation),
             quality=job.machine.quality,
             left_right=bool({"left", "right"} & set(job.outputs.kinds)),
             hidden=hidden,

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from defocus_cli.draws import Draw
 from defocus_cli.errors import InputError
 
 IMAGE_KINDS = ("render", "left", "right")
@@ -39,7 +40,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class Lens:
-    """A thin lens, lengths in mm; focused at ``foc_dist`` or on what pixel ``focus_at`` shows."""
+    """A thin lens, lengths in mm.
+
+    Its focus is at ``foc_dist``, on what pixel ``focus_at`` shows, or at ``focus_percentile`` of
+    the depth; ``engine.focused`` finds the distance.
+    """
 
     foclen: float
     fnum: float
@@ -48,6 +53,9 @@ class Lens:
     sensor_width: float = 36.0
     blades: int = 0
     blade_rotation: float = 0.0
+    focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
+    max_coc: float | None = None  # px, the greatest CoC radius with which a picture is taken
+    draw: Draw | None = None  # what to draw again from when the lens does not suit the picture
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from typing import Any
 import click
 
 from defocus_cli.job import KINDS, Lens, Machine, Outputs, Reading
-from defocus_cli.lens_file import PARSERS, make_lens
+from defocus_cli.lens_file import make_lens
+from defocus_cli.lens_options import PARSERS
 from defocus_cli.option_types import FilePath, Format, Kinds, Quantity, refuse_kinds_with_blanks
 
 Command = Callable[..., Any]
@@ -215,7 +216,10 @@ _LENS_HELP = {
     "fnumber": ("N", "F-number, like 1.4."),
     "aperture-diameter": ("LENGTH", "Diameter of the opening; instead of --fnumber."),
     "sensor-width": ("LENGTH", "Width of the sensor.  [default: 36mm]"),
-    "focus": ("DISTANCE", "Distance in focus, from the lens, like 2m; or inf."),
+    "focus": (
+        "DISTANCE",
+        "Distance in focus, like 2m or inf; or percentile(50) of the depth.",
+    ),
     "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
     "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
     "blade-rotation": (

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from decimal import Decimal
 
 MM_PER_UNIT = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
 MOST_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
+_PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 _LENGTHS = "like 2m or 50mm"
 
 
@@ -23,6 +25,16 @@ class QuantityError(ValueError):
         super().__init__(f"{problem}; {remedy}")
         self.problem = problem
         self.remedy = remedy
+
+
+@dataclass(frozen=True)
+class Percentile:
+    """The distance that ``percent`` of the pixels do not exceed, those of the sky aside."""
+
+    percent: float
+
+    def __str__(self) -> str:
+        return f"percentile({self.percent:.9g})"
 
 
 def length(text: str) -> float:
@@ -36,11 +48,31 @@ def length(text: str) -> float:
     return _positive(float(number * Decimal(MM_PER_UNIT[unit])), text, _LENGTHS)
 
 
-def focus(text: str) -> float:
-    """The distance in focus in mm; ``inf`` for infinity."""
+def focus(text: str) -> float | Percentile:
+    """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
     if text.strip().lower() in ("inf", "infinity"):
         return math.inf
-    return length(text)
+    found = _PERCENTILE.fullmatch(text)
+    if not found:
+        return length(text)
+    return Percentile(percentage(found[1]))
+
+
+def percentage(text: str) -> float:
+    """A number from 0 to 100, from ``5`` or ``5%``."""
+    example = "write one from 0 to 100, like 50"
+    number, unit = _split(text.strip().removesuffix("%"), "a percentage", example)
+    if unit or not 0 <= number <= 100:
+        raise QuantityError(f"'{text}' is not a percentage", example)
+    return float(number)
+
+
+def pixel_count(text: str) -> float:
+    """A positive length in the picture, from ``40px`` or ``40``."""
+    number, unit = _split(text, "a length in px", "write it like 40px")
+    if unit not in ("", "px"):
+        raise QuantityError(f"'{text}' has an unknown unit", "write it like 40px")
+    return _positive(float(number), text, "like 40px")
 
 
 def fnumber(text: str) -> float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from defocus_cli.quantities import length_text
+from defocus_cli.quantities import Percentile, length_text
 
 if TYPE_CHECKING:
     from defocus_cli.engine import Outcome
@@ -89,12 +89,20 @@ def lens_record(lens: Lens) -> dict[str, Any]:
     }
     if lens.focus_at is not None:
         record["focus_at_px"] = list(lens.focus_at)
+    if lens.focus_percentile is not None:
+        record["focus_percentile"] = lens.focus_percentile
+    if lens.max_coc is not None:
+        record["max_coc_px"] = lens.max_coc
+    if (draw := lens.draw) is not None:
+        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
     return record
 
 
 def lens_words(lens: Lens) -> str:
     """A lens in words, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
     focus = f"at {lens.focus_at[0]},{lens.focus_at[1]}" if lens.focus_at else ""
+    if lens.focus_percentile is not None:
+        focus = f"at {Percentile(lens.focus_percentile)}"
     if lens.foc_dist is not None:
         focus = f"{length_text(lens.foc_dist)} {focus}".strip()
     shape = f", {lens.blades} blades" if lens.blades else ""
