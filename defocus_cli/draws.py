@@ -63,6 +63,12 @@ class Distribution:
     kind: str
     values: tuple[Any, ...]
 
+    @property
+    def extremes(self) -> tuple[Any, Any]:
+        """The least and the greatest value, percentiles aside."""
+        plain = [value for value in self.values if not isinstance(value, Percentile)]
+        return (min(plain), max(plain)) if plain and self.kind != "percentile" else (None, None)
+
     def at(self, share: float) -> Any:
         """The value at a share in [0, 1) of the distribution."""
         if self.kind == "choice":

@@ -80,7 +80,7 @@ def read_lens_file(file: Path) -> dict[str, Any]:
         InputError: the file cannot be read as TOML.
         UsageProblem: a key is unknown or its value makes no sense.
     """
-    remedy = 'give --lens a TOML file, with lines like focal-length = "50mm"'
+    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
     values = {name: _parsed(name, value, file) for name, value in stored.items()}
     refuse_both(values, f"{file}: ")
@@ -94,7 +94,7 @@ def refuse_near_focus(foc_dist: float, foclen: float, source: str) -> None:
         raise UsageProblem(
             source,
             f"{text(foc_dist)} is not farther than the focal length {text(foclen)}",
-            "focus farther away than that, or give a shorter --focal-length",
+            "focus farther away than that, or give a shorter focal length",
         )
 
 
