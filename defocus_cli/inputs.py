@@ -189,7 +189,8 @@ def _path(value: object, where: str, folder: Path) -> Path:
 
 def _stem(value: object, where: str) -> str:
     stem = str(value)
-    if not isinstance(value, str | int) or "/" in stem or "\0" in stem or stem in (".", ".."):
+    odd = "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
+    if odd or not isinstance(value, str | int):
         remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
         raise InputError(f"{where}: stem", f"{value!r} cannot name a file", remedy)
     return stem

@@ -13,6 +13,10 @@ from decimal import Decimal
 
 MM_PER_UNIT = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
 MOST_BLADES = 100  # a polygon that nobody tells from a circle
+_BYTES = {
+    **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
+    **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
+}
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 _LENGTHS = "like 2m or 50mm"
@@ -112,6 +116,17 @@ def pixel(text: str) -> tuple[int, int]:
     if not found:
         raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
     return int(found[1]), int(found[2])
+
+
+def byte_count(text: str) -> int:
+    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096``."""
+    number, unit = _split(text, "a size", "write it like 1GB")
+    if unit and unit not in _BYTES:
+        raise QuantityError(f"'{text}' has an unknown unit", f"use one of {', '.join(_BYTES)}")
+    count = int(number * _BYTES[unit]) if unit else int(number)
+    if count < 1:
+        raise QuantityError(f"'{text}' holds no byte", "write it like 1GB")
+    return count
 
 
 def length_text(mm: float, digits: int = 6) -> str:
