@@ -16,6 +16,7 @@ CLI = sorted((ROOT / "defocus_cli").rglob("*.py"))
 # From the outside to the inside: a module imports from its own row or the rows below it.
 LAYERS = [
     {"__init__"},
+    {"random_lens"},
     {"lens", "verification"},
     {"checks"},
     {"render"},
