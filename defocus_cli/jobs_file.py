@@ -84,8 +84,9 @@ def _reading(found: Table) -> Reading:
 def _outputs(found: Table, outputs: Outputs) -> Outputs:
     found.refuse_unknown(("kinds", "format", "exr-type", "preview"))
     name = found.values.get("format")
-    aliased = {**found.values, "format": FORMAT_ALIASES.get(name, name)} if name else found.values
-    found = Table(found.file, found.name, aliased)
+    if isinstance(name, str):
+        aliased = {**found.values, "format": FORMAT_ALIASES.get(name, name)}
+        found = Table(found.file, found.name, aliased)
     given = {
         "kinds": _kinds(found),
         "format": found.choice("format", tuple(SUFFIXES)),

@@ -85,6 +85,7 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         (FIXED + "[outputs]\nkinds = ['rendre']\n", r"kinds: 'rendre' is not an output; did you"),
         (FIXED + "[outputs]\nkinds = []\n", r"\[outputs\] kinds: \[\] is no list"),
         (FIXED + "[outputs]\nformat = 'gif'\n", r"\[outputs\] format: 'gif' is not known; choose"),
+        (FIXED + "[outputs]\nformat = [1]\n", r"\[outputs\] format: '\[1\]' is not known"),
         (FIXED + "[outputs]\nexr-type = 'double'\n", r"exr-type: 'double' is not known"),
         (FIXED + "[outputs]\npreview = 1\n", r"preview: 1 is neither true nor false"),
         (FIXED + "[outputs]\nout = 'o'\n", r"\[outputs\]: unknown key 'out'"),
