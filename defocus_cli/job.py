@@ -211,7 +211,7 @@ def make_jobs(
     """
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
     written = [path for job in jobs for path in job.written]
-    _refuse_clashes(written, pictures)
+    _refuse_clashes(written, pictures, outputs)
     _refuse_unwritable(outputs)
     folder = next((path for path in written if path.is_dir()), None)
     if folder is not None:
@@ -261,14 +261,18 @@ def _by_stem(folder: Path, suffixes: frozenset[str]) -> dict[str, Path]:
     return found
 
 
-def _refuse_clashes(written: Sequence[Path], pictures: Sequence[Picture]) -> None:
+def _refuse_clashes(written: Sequence[Path], pictures: Sequence[Picture], outputs: Outputs) -> None:
     twice = next((path for path, count in Counter(written).items() if count > 1), None)
     if twice is not None:
         raise InputError(twice, "would be written twice", "rename one of the colour files")
     sources = [*pictures, *(picture.hidden for picture in pictures if picture.hidden)]
-    inputs = {path.resolve() for one in sources for path in (one.color, one.depth)}
-    for path in written:
-        if path.resolve() in inputs:
+    named = {path for one in sources for path in (one.color, one.depth)}
+    named |= {path.resolve() for path in named if path.is_symlink()}
+    places = {folder: folder.resolve() for folder in {path.parent for path in named}}
+    own = {(outputs.root / kind).resolve() for kind in outputs.kinds}
+    inputs = {place / path.name for path in named if (place := places[path.parent]) in own}
+    for path in written if inputs else ():  # a batch has many outputs, and hardly ever such inputs
+        if path.parent.resolve() / path.name in inputs:
             raise InputError(path, "is an input and would be overwritten", "choose another -o")
 
 
