@@ -55,7 +55,7 @@ class Lens:
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, the greatest CoC radius with which a picture is taken
-    draw: Draw | None = None  # what to draw again from when the lens does not suit the picture
+    draw: Draw | None = None  # where it is from, if it is random, and where another can be had
 
 
 @dataclass(frozen=True)

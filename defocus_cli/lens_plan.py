@@ -82,14 +82,11 @@ class LensPlan:
                 yield point.suffix, dataclasses.replace(lens_of(values), max_coc=self.max_coc)
 
     def _drawn(self, picture: str, suffix: str, options: Mapping[str, str]) -> Iterator[Named]:
-        """Lenses that were drawn; a draw is kept where the depth may ask for another."""
+        """Lenses that were drawn, and from what: the depth may ask for another draw."""
         texts = tuple(options.items())
-        repeated = self.max_coc is not None or "percentile" in options.get("focus", "").lower()
         for index in range(self.sampling.count):
             draw = Draw(self.sampling.seed, picture, index, texts)
-            lens = lens_of(draw.values())
-            if repeated:
-                lens = dataclasses.replace(lens, max_coc=self.max_coc, draw=draw)
+            lens = dataclasses.replace(lens_of(draw.values()), max_coc=self.max_coc, draw=draw)
             yield f"{suffix}_s{index:03}", lens
 
 

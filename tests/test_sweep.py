@@ -196,9 +196,8 @@ def test_draws_are_taken_for_each_lens_of_a_sweep(tmp_path: Path) -> None:
     assert found[0].lens.fnum == found[2].lens.fnum
 
 
-def test_a_draw_is_kept_only_where_it_may_be_repeated(tmp_path: Path) -> None:
+def test_a_lens_knows_what_it_was_drawn_from(tmp_path: Path) -> None:
     fixed = 'n = 1\nseed = 7\nfnumber = "uniform(2, 4)"\n'
-    assert sampled(tmp_path, fixed, 'focus = "2m"')[0].lens.draw is None
     for more in ('max-coc = "40px"\nfocus = "uniform(1m, 2m)"', 'focus = "percentile(5, 95)"'):
         lens = sampled(tmp_path, fixed + more)[0].lens
         assert lens.draw is not None
