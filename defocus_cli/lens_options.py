@@ -74,8 +74,12 @@ def tag(name: str, value: Any) -> str:
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Options of which ``over`` win, also over the other way to say the same."""
-    lost = {name for pair in ALTERNATIVES if any(one in over for one in pair) for name in pair}
-    return {name: value for name, value in base.items() if name not in lost} | dict(over)
+    options = dict(base)
+    for one, other in ALTERNATIVES:
+        if one in over or other in over:
+            options.pop(one, None)
+            options.pop(other, None)
+    return {**options, **over}
 
 
 def refuse_unknown(name: str, where: str | Path, teller: str, more: Sequence[str] = ()) -> None:

@@ -70,9 +70,9 @@ class LensPlan:
         Raises:
             UsageProblem: an option is missing, or the focus is too near.
         """
+        shared = merged(merged(self.options, self.sampling.options), entry.options)
         for point in self.points:
-            options = merged(merged(self.options, self.sampling.options), entry.options)
-            options = merged(options, point.options)
+            options = merged(shared, point.options)
             place = entry.where if entry.options else self.place
             _check_lens(options, place)
             if self.sampling.count:
