@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
-from defocus_core.frame import render_frame
+from defocus_core.assembly import assembled
+from defocus_core.frame import frame_of
 from defocus_core.hidden import HiddenLayer
 from defocus_core.quality import find
 
@@ -90,7 +91,7 @@ def render(
     done, trusts = [], []
     stats: dict[str, int] = {}
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        images, trust, counts = render_frame(
+        frame = frame_of(
             pixels,
             radius,
             aperture=aperture or Aperture(),
@@ -99,8 +100,9 @@ def render(
             num_layers=num_layers,
             psf_ks=psf_ks,
             hidden=known,
-            threads=threads,
-            progress=progress,
+        )
+        images, trust, counts = assembled(
+            frame, pixels, radius, hidden=known, threads=threads, progress=progress
         )
         done.append(images)
         trusts.append(trust[0])
