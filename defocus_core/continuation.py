@@ -11,7 +11,7 @@ next level. Of an odd length every second pixel does, with half of its neighbour
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
@@ -113,7 +113,7 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 
 def continued(
-    values: Tensor,
+    values: Sequence[Tensor],
     rank: Tensor,
     at: Tensor,
     border: Tensor,
@@ -124,7 +124,7 @@ def continued(
     """Values continued to some pixels, to each from those whose rank is beyond its border.
 
     Args:
-        values: [K, H, W].
+        values: Pictures [k, H, W], K channels in all.
         rank: [H, W], of the dtype of the values.
         at: [n, 2] rows and columns to continue to, in between pixels too.
         border: [n] few different ones.
@@ -147,8 +147,8 @@ def continued(
     ends = torch.bincount(of, minlength=len(keys)).cumsum(0).tolist()
     first_of = order[torch.tensor([0, *ends[:-1]], device=at.device)]
     rows, columns, limits = row[first_of], column[first_of], border[first_of]
-    found = values.new_zeros(len(at), values.shape[0])
-    weight = values.new_zeros(len(at))
+    found = values[0].new_zeros(len(at), sum(map(len, values)))
+    weight = values[0].new_zeros(len(at))
     start = 0
     for first, last in _batches(len(ends), (side + 2 * (_AROUND << level) + 1) ** 2):
         some = order[start : ends[last - 1]]
@@ -174,7 +174,7 @@ def _batches(count: int, samples: int) -> Iterator[tuple[int, int]]:
 
 
 def _blocks(
-    values: Tensor,
+    values: Sequence[Tensor],
     rank: Tensor,
     origin: list[Tensor],
     border: Tensor,
@@ -184,7 +184,7 @@ def _blocks(
     """Continued values and whether there were some, of m blocks at half resolution.
 
     Args:
-        values: [K, H, W].
+        values: Pictures [k, H, W], K channels in all.
         rank: [H, W].
         origin: First row and first column of each block, [m] both.
         border: [m].
@@ -195,15 +195,14 @@ def _blocks(
         [m, K + 1, h, w].
     """
     length = (_CELLS + 2 * _AROUND) << level
-    rows, columns = (
-        origin[d][:, None] + torch.arange(length + middle[d].odd, device=rank.device)
-        for d in (0, 1)
-    )
-    H, W = rank.shape
-    inside = ((rows >= 0) & (rows < H))[:, :, None] & ((columns >= 0) & (columns < W))[:, None]
-    y, x = rows.clamp(0, H - 1)[:, :, None], columns.clamp(0, W - 1)[:, None]
-    weight = ((rank[y, x] > border[:, None, None]) & inside).to(values.dtype)[:, None]
-    pixels = torch.cat([values[:, y, x].movedim(1, 0) * weight, weight], 1)
+    size = (length + middle[0].odd, length + middle[1].odd)
+    corners = list(zip(*(corner.tolist() for corner in origin), strict=True))
+    weight = torch.stack([_cut(rank[None], corner, size, -torch.inf) for corner in corners])
+    weight = (weight > border[:, None, None, None]).to(rank.dtype)
+    parts = [
+        torch.stack([_cut(picture, corner, size, 0.0) for corner in corners]) for picture in values
+    ]
+    pixels = torch.cat([*(part * weight for part in parts), weight], 1)
     odd = (middle[0].odd, middle[1].odd)
     levels: list[Tensor] = []
     for _ in range(level):
@@ -214,6 +213,20 @@ def _blocks(
     for finer in reversed(levels):
         found = torch.addcmul(finer, 1 - finer[:, -1:], _doubled(found, odd))
     return found
+
+
+def _cut(picture: Tensor, corner: tuple[int, int], size: tuple[int, int], missing: float) -> Tensor:
+    """A rectangle [..., height, width] of a picture [..., H, W], with a value where it has none."""
+    edges: list[int] = []
+    for dim in (-2, -1):
+        start, length = corner[dim], size[dim]
+        n = picture.shape[dim]
+        first, last = min(max(start, 0), n), max(min(start + length, n), 0)
+        last = max(first, last)
+        picture = picture.narrow(dim, first, last - first)
+        before = min(max(-start, 0), length)
+        edges = [before, length - before - (last - first), *edges]
+    return pad(picture, edges, value=missing) if any(edges) else picture
 
 
 def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
@@ -263,9 +276,14 @@ def _sampled(
     (y0, y1, fy), (x0, x1, fx) = (
         _neighbours(places[d], half.shape[d + 2], half.dtype, middle[d].odd) for d in (0, 1)
     )
-    above = half[number, :, y0, x0] * (1 - fx) + half[number, :, y0, x1] * fx
-    below = half[number, :, y1, x0] * (1 - fx) + half[number, :, y1, x1] * fx
-    return above * (1 - fy) + below * fy
+    h, w = half.shape[-2:]
+    rows = half.movedim(1, -1).reshape(-1, half.shape[1])
+    above, below = number * (h * w) + y0 * w, number * (h * w) + y1 * w
+
+    def at(row: Tensor) -> Tensor:
+        return rows.index_select(0, row + x0) * (1 - fx) + rows.index_select(0, row + x1) * fx
+
+    return at(above) * (1 - fy) + at(below) * fy
 
 
 def _neighbours(

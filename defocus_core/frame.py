@@ -130,7 +130,7 @@ def frame_of(
         groups=groups,
         weights=[part_area(aperture, part) for part in cells],
         left_right=left_right,
-        signed=bool((pixels < 0).any()),
+        signed=float(pixels.detach().amin()) < 0,
         double=double,
         limit=limit,
         radii=radii,

@@ -80,13 +80,17 @@ def hidden_layer(
         Box(box.top + wanted.top, box.left + wanted.left, wanted.height, wanted.width)
     )
     behind = shown > inside + _STEP
-    there = torch.nonzero(behind)
-    if not len(there):
+    index = torch.nonzero(behind.flatten())[:, 0]
+    if not len(index):
         return None
-    at = there + there.new_tensor([wanted.top, wanted.left])
-    near, far, cone = inside[behind], source[behind], shown[behind]
-    border, values = _border(near, far), torch.cat([image, signed_radius[None]])
-    found = values[:, at[:, 0], at[:, 1]].T  # stays where nothing is farther
+    near, far, cone = (x.flatten().index_select(0, index) for x in (inside, source, shown))
+    border = _border(near, far)
+    y = index.div(wanted.width, rounding_mode="floor")
+    at = torch.stack([y + wanted.top, index - y * wanted.width + wanted.left], 1)
+    values = (image, signed_radius[None])
+    here = at[:, 0] * W + at[:, 1]
+    # stays where nothing is farther
+    found = torch.cat([value.flatten(1).index_select(1, here) for value in values]).T
     deep = far - cone > _SHALLOW * DECAY
     levels = torch.where(deep, level_of(far - near), FINE)
     down, across = beyond.fine
@@ -99,7 +103,7 @@ def hidden_layer(
         if level > FINE:
             places = beyond.places(at[some] + at.new_tensor(box[:2]))
             result, exists = continued(
-                beyond.values,
+                [beyond.values],
                 beyond.rank,
                 places,
                 border[some],
@@ -111,7 +115,6 @@ def hidden_layer(
                 values, r, at[some], border[some], level=level, middle=middle
             )
         found = found.index_put((some[exists],), result[exists])
-    index = there[:, 0] * wanted.width + there[:, 1]
     color = torch.zeros_like(wanted.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
     radius = wanted.of(signed_radius).flatten().index_copy(0, index, found[:, -1])
     radius = radius.reshape(inside.shape)
@@ -120,8 +123,11 @@ def hidden_layer(
 
 
 def level_of(apart: Tensor) -> Tensor:
-    """The level of a continuation that reaches across radii so many px apart: [n] integers."""
-    return (apart * _REACHED).log2().floor().long().add(1).clamp(min=FINE)
+    """The level of a continuation across radii so many px apart: [n] integers.
+
+    It reaches twice as far as it must: of what is hidden deep, the mean of more is a better guess.
+    """
+    return (apart * _REACHED).log2().floor().long().add(2).clamp(min=FINE)
 
 
 def _border(near: Tensor, far: Tensor) -> Tensor:

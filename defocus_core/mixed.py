@@ -69,9 +69,6 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
         signed_radius: [H, W] px.
     """
     r = signed_radius.detach()
-    steps = [float(r.diff(dim=dim).abs().max()) for dim in (0, 1) if r.shape[dim] > 1]
-    if 2 * sum(steps) <= _EDGE:  # the range of nine pixels
-        return whole(image, signed_radius)
     nearest, farthest = _of_nine(r, torch.minimum), _of_nine(r, torch.maximum)
     edge = farthest - nearest > _EDGE
     places = torch.nonzero(edge)
@@ -140,10 +137,14 @@ def _taken_apart(
     offset = torch.arange(-_AROUND, _AROUND + 1, device=at.device)
     dy, dx = (d.flatten() for d in torch.meshgrid(offset, offset, indexing="ij"))
     place = (at[:, :1] + dy).clamp(0, H - 1) * W + (at[:, 1:] + dx).clamp(0, W - 1)  # [n, 25]
-    radii, alone = signed_radius.flatten()[place], ~edge.flatten()[place]
+    spots = place.flatten()
+    radii, alone = (
+        x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, ~edge)
+    )
     is_near = radii.detach() < border[at[:, 0], at[:, 1]][:, None]
     nearness = torch.exp(-(dy * dy + dx * dx).to(image.dtype) / 4) * alone
-    colors = image.flatten(1)[:, place].movedim(0, 1)  # [n, C, 25]
+    colors = image.flatten(1).index_select(1, spots)
+    colors = colors.reshape(len(image), *place.shape).movedim(0, 1)  # [n, C, 25]
     values = torch.cat([colors, colors * colors, radii[:, None]], 1)
     near, far = (_side(values, nearness * side) for side in (is_near, ~is_near))
     middle = len(dy) // 2

@@ -156,14 +156,19 @@ class Region:
         Of what m parts covered [m, h, w] what they observed; as far from the border as light
         reaches at most, times what they covered: the rest lies outside the frame.
         """
-        weights = observed.new_tensor(self._frame.weights[: self._frame.centre])[:, None, None]
-        covered, observed = ((x * weights).sum(0) / weights.sum() for x in (covered, observed))
+        if len(covered) > 1:
+            weights = observed.new_tensor(self._frame.weights[: self._frame.centre])[:, None, None]
+            covered, observed = ((x * weights).sum(0) / weights.sum() for x in (covered, observed))
+        else:
+            covered, observed = covered[0], observed[0]
         box, (H, W) = self._tiles[index], self._frame.size
-        y = torch.arange(box.top, box.top + box.height, device=covered.device)
-        x = torch.arange(box.left, box.left + box.width, device=covered.device)
-        down, across = torch.minimum(y, H - 1 - y), torch.minimum(x, W - 1 - x)
-        inner = torch.minimum(down[:, None], across) >= self._frame.farthest
-        share = observed / covered * torch.where(inner, 1.0, covered)
+        share, spread = observed / covered, self._frame.farthest
+        if box != box.grown(0, self._frame.box.shrunk(spread)):
+            y = torch.arange(box.top, box.top + box.height, device=covered.device)
+            x = torch.arange(box.left, box.left + box.width, device=covered.device)
+            down, across = torch.minimum(y, H - 1 - y), torch.minimum(x, W - 1 - x)
+            inner = torch.minimum(down[:, None], across) >= spread
+            share = share * torch.where(inner, 1.0, covered)
         return share.clamp(0, 1)[None, None]
 
     def _seen(

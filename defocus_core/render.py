@@ -135,9 +135,14 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     radii = signed_radius.to(image.device, dtype).reshape(count, *size)
     pixels = pixels.to(dtype)
     for name, values in (("signed_radius", radii), ("image", pixels)):
-        if not bool(torch.isfinite(values).all()):
+        if not _finite(values):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
     return pixels, radii
+
+
+def _finite(values: Tensor) -> bool:
+    """Whether all values are; their sum tells, unless it is too large itself."""
+    return bool(torch.isfinite(values.detach().sum())) or bool(torch.isfinite(values).all())
 
 
 def _hidden(

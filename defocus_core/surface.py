@@ -160,7 +160,8 @@ class _Points:
         y = self._at[near, 0] - corner[0]
         x = self._at[near, 1] - corner[1]
         inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        layer, places = self._layer[near] * inside[:, None], self._places[near]
+        layer = self._layer.index_select(0, near) * inside[:, None]
+        places = self._places.index_select(0, near)
         spot = torch.where(inside, y * width + x, 0)[:, None]
         channel = torch.arange(channels, device=pixels.device) * (height * width)
         slots = torch.full((count + 1,), -1, device=pixels.device)

@@ -39,6 +39,10 @@ class Box(NamedTuple):
         beside = min(self.left + self.width + by, within.left + within.width)
         return Box(top, left, below - top, beside - left)
 
+    def shrunk(self, by: int) -> Box:
+        """Smaller by some px on all sides; its size may become negative."""
+        return Box(self.top + by, self.left + by, self.height - 2 * by, self.width - 2 * by)
+
     def seen_from(self, other: Box) -> Box:
         """The same rectangle counted from the corner of another."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
