@@ -1,4 +1,4 @@
-"""Runs a job: read, render, write. Nothing of a picture is written before all of it is computed."""
+"""The steps of a job: read, compute, write. What is written has been computed to its end."""
 
 from __future__ import annotations
 
@@ -39,39 +39,101 @@ class Outcome:
     stats: Mapping[str, float] = field(default_factory=dict)
 
 
-def run(job: Job, progress: Callable[[int, int], None] | None = None) -> Outcome:
-    """Read, render and write one picture.
+@dataclass(frozen=True)
+class Loaded:
+    """A picture, decoded; and what lies behind it, where a job needs and has it."""
+
+    color: Color
+    depth: Depth
+    behind: tuple[Color, Depth] | None = None
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a job computed.
+
+    Attributes:
+        outcome: how.
+        color: what it was made of, for the metadata and further channels to carry along.
+        radius: signed CoC radius in px, [H, W].
+        images: kind to linear pixels [H, W, C], and trust [H, W].
+    """
+
+    outcome: Outcome
+    color: Color
+    radius: NDArray[np.float32]
+    images: Mapping[str, NDArray[np.float32]]
+
+
+def read(picture: Picture, reading: Reading, *, hidden: bool) -> Loaded:
+    """Decode a picture, and what lies behind it if ``hidden`` is wanted and there.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: the options make no sense for it.
+    """
+    color, depth = _read(picture, reading)
+    if picture.hidden is None or not hidden:
+        return Loaded(color, depth)
+    behind, behind_depth = _read(picture.hidden, reading)
+    if behind.pixels.shape != color.pixels.shape:
+        told, wanted = (
+            f"{width}x{height} px of {channels} channels"
+            for height, width, channels in (behind.pixels.shape, color.pixels.shape)
+        )
+        problem = f"is {told} but the picture is {wanted}"
+        raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
+    return Loaded(color, depth, (behind, behind_depth))
+
+
+def needs_hidden(job: Job) -> bool:
+    """Whether a job would look at what lies behind."""
+    return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
+
+
+def compute(
+    job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None
+) -> Made:
+    """All that a job asks for, computed from its picture.
 
     Args:
         job: what to do.
+        loaded: its picture.
         progress: called with (tiles done, tiles in all) while it renders.
 
     Raises:
-        InputError: an input or output cannot be used.
+        InputError: the picture cannot be taken with this lens, or does not fit into memory.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    from defocus_cli.delivery import deliver
-
     device = choose_device(job.machine.device)
-    color, depth = _read(job.picture, job.reading)
-    height, width = depth.metres.shape
-    lens = focused(job.lens, depth)
-    radius = signed_radius(lens, depth.metres, (width, height))
+    height, width = loaded.depth.metres.shape
+    lens = focused(job.lens, loaded.depth)
+    radius = signed_radius(lens, loaded.depth.metres, (width, height))
     outcome = Outcome(
         job=job,
         lens=lens,
         size=(width, height),
         coc_px=(float(radius.min()), float(radius.max())),
-        depth_note=depth.note,
+        depth_note=loaded.depth.note,
         device=device,
     )
     images: dict[str, Any] = {}
     if set(job.outputs.kinds) & set(RENDERED_KINDS):
-        known = None
-        if job.picture.hidden is not None:
-            known = _known(job.picture.hidden, job.reading, color, lens)
-        images, outcome = _render(color, radius, known, outcome, progress)
-    return dataclasses.replace(outcome, warnings=deliver(color, radius, images, outcome))
+        known = None if loaded.behind is None else _known(*loaded.behind, lens)
+        images, outcome = _render(loaded.color, radius, known, outcome, progress)
+    return Made(outcome, loaded.color, radius, images)
+
+
+def write(made: Made) -> Outcome:
+    """Write what a job computed: all its files or none.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    from defocus_cli.delivery import deliver
+
+    warnings = deliver(made.color, made.radius, made.images, made.outcome)
+    return dataclasses.replace(made.outcome, warnings=warnings)
 
 
 def load() -> None:
@@ -127,20 +189,11 @@ def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
 
 
 def _known(
-    hidden: Picture, reading: Reading, color: Color, lens: Lens
+    behind: Color, depth: Depth, lens: Lens
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
     """Pixels [H, W, C], signed radius [H, W] px and mask [H, W] of what is known to lie behind."""
     import numpy as np
 
-    behind, depth = _read(hidden, reading)
-    if behind.pixels.shape != color.pixels.shape:
-        told, wanted = (
-            f"{width}x{height} px of {channels} channels"
-            for height, width, channels in (behind.pixels.shape, color.pixels.shape)
-        )
-        raise InputError(
-            hidden.color, f"is {told} but the picture is {wanted}", "give --hidden of the same kind"
-        )
     height, width = depth.metres.shape
     known = np.isfinite(depth.metres) | (behind.pixels != 0).any(-1)
     return behind.pixels, signed_radius(lens, depth.metres, (width, height)), known

@@ -199,6 +199,18 @@ def machine_options(command: Command) -> Command:
     )(command)
 
 
+def check_inputs_option(command: Command) -> Command:
+    """Hand a command ``check_inputs``: stat or hash."""
+    return _option(
+        "Machine",
+        "--check-inputs",
+        type=click.Choice(["stat", "hash"]),
+        default="stat",
+        show_default=True,
+        help="How to see that an input of what is done has changed: size and time, or its bytes.",
+    )(command)
+
+
 def json_option(command: Command) -> Command:
     """Hand a command ``as_json``."""
     text = "Print one JSON document on stdout."

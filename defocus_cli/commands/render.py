@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import options, report
+from defocus_cli import batch, batch_report, here, options, report
 from defocus_cli.job import (
     Job,
     Lens,
@@ -14,10 +14,10 @@ from defocus_cli.job import (
     Outputs,
     Reading,
     find_pictures,
-    make_jobs,
     with_hidden,
 )
 from defocus_cli.option_types import FilePath
+from defocus_cli.plan import make_plan
 
 
 @click.command(
@@ -32,6 +32,7 @@ from defocus_cli.option_types import FilePath
 @options.hidden_option
 @options.reading_options
 @options.machine_options
+@options.check_inputs_option
 @options.json_option
 @options.verbose_option
 @click.option("--dry-run", is_flag=True, help="Say what would be read and written, and stop.")
@@ -43,6 +44,7 @@ def command(
     hidden: tuple[Path, Path] | None,
     reading: Reading,
     machine: Machine,
+    check_inputs: str,
     as_json: bool,
     verbose: bool,
     dry_run: bool,
@@ -51,6 +53,10 @@ def command(
 
     COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
     COLOR is an EXR that holds both, or a directory of such.
+
+    OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
+    inputs, options and outputs are as they were are not rendered again. Files that the journal does
+    not know are refused.
 
     \b
     Kinds:
@@ -68,28 +74,36 @@ def command(
       defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
     """  # noqa: D301  click reads the backspace
     pictures = with_hidden(find_pictures(color, depth), color, hidden)
-    jobs = make_jobs(pictures, lens, reading=reading, outputs=outputs, machine=machine)
-    records = _plan(jobs, as_json) if dry_run else _run(jobs, verbose)
+    jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
+    if dry_run:
+        records = _plan(jobs, check_inputs == "hash", as_json)
+        if as_json:
+            report.print_json(dry_run=True, pictures=records)
+        return
+    told = batch_report.Told(each=True, keep=as_json, verbose=verbose)
+    summary = _run(jobs, outputs.root, check_inputs == "hash", told)
     if as_json:
-        report.print_json(dry_run=dry_run, pictures=records)
+        records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
+        report.print_json(dry_run=False, pictures=records)
+    batch_report.end(summary)
 
 
-def _plan(jobs: list[Job], as_json: bool) -> list[dict[str, object]]:
-    for job in jobs:
-        if not as_json:
-            click.echo(report.plan_line(job))
-    return [report.plan_record(job) for job in jobs]
+def _plan(jobs: list[Job], read_inputs: bool, as_json: bool) -> list[dict[str, object]]:
+    how = batch.How(here.execute, read_inputs=read_inputs)
+    plan = make_plan(jobs, jobs[0].outputs.root, how)
+    done = {job for job, _ in plan.settled}
+    for job in jobs if not as_json else ():
+        click.echo(report.done_before_line(job) if job in done else report.plan_line(job))
+    return [{**report.plan_record(job), "done_before": job in done} for job in jobs]
 
 
-def _run(jobs: list[Job], verbose: bool) -> list[dict[str, object]]:
-    from defocus_cli import engine
-
-    engine.load()
-    records = []
-    with report.progress(jobs) as (counted, tile_count):
-        for job in counted:
-            outcome = engine.run(job, tile_count)
-            for line in report.outcome_lines(outcome, verbose=verbose):
-                report.say(line)
-            records.append(report.outcome_record(outcome))
-    return records
+def _run(
+    jobs: list[Job], out: Path, read_inputs: bool, told: batch_report.Told
+) -> batch.Summary:
+    if len(jobs) > 1:
+        with told.bar("picture"):
+            how = batch.How(here.execute, read_inputs=read_inputs)
+            return batch.carry_out(jobs, out, how, told)
+    with batch_report.tile_bar() as tile_count:
+        how = batch.How(here.execute_alone(tile_count), read_inputs=read_inputs)
+        return batch.carry_out(jobs, out, how, told)
