@@ -27,7 +27,9 @@ def record(
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(data)
         digest = blake2b(data, digest_size=16).hexdigest()
-        outputs[kind] = {"path": path, "size": len(data), "blake2b": digest}
+        outputs[kind] = {"path": path, "size": len(data), "mtime_ns": 7, "blake2b": digest}
+        preview = {**outputs[kind], "path": f"{kind}/{name}.preview.png"}
+        outputs[f"{kind}.preview"] = preview
     lens = {
         "focal_length_mm": 50,
         "fnumber": 2,
@@ -38,14 +40,21 @@ def record(
     }
     return {
         "sample_id": name,
+        "job": "1f",
+        "recipe": "2e",
         "status": "ok",
+        "reason": None,
+        "settings": {},
         "inputs": {role: {"path": f"{role}.exr", "mtime_ns": 7} for role in ("color", "depth")},
         "outputs": outputs,
         "lens": lens,
         "coc_px": [-1, 2.5],
         "size": [4, 3],
         "quality": "draft",
+        "depth_note": "EXR float channel Z, metres",
+        "device": "cpu",
         "seconds": 0.25,
+        "finished": "2026-01-01T00:00:00Z",
         "warnings": [],
         "version": "1",
         **more,

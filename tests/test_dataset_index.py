@@ -50,7 +50,7 @@ def test_neither_time_nor_place_is_in_it(tmp_path: Path) -> None:
     written(tmp_path, record(tmp_path, "a"))
     text = (tmp_path / "metadata.jsonl").read_text()
     assert str(tmp_path) not in text
-    assert not [word for word in ("seconds", "mtime", "time") if f'"{word}' in text]
+    assert not [word for word in ("seconds", "mtime", "time", "finished") if f'"{word}' in text]
 
 
 def test_what_failed_is_no_sample(tmp_path: Path) -> None:
