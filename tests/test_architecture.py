@@ -23,7 +23,7 @@ LAYERS = [
     {"baselines", "blur", "highlights"},
     {"surface", "windows"},
     {"compositing", "convolution", "hidden", "mixed", "ramps", "slicing", "thin_lens", "tiling"},
-    {"aperture", "continuation", "metrics", "probes", "quality", "slopes", "threads"},
+    {"aperture", "continuation", "metrics", "probes", "quality"} | {"scenery", "slopes", "threads"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}
