@@ -17,7 +17,9 @@ from defocus_cli.bench_options import Times
 from defocus_cli.bench_scaling import exponents
 from defocus_cli.bench_time import KINDS, OUTPUTS, Case, Timing, cases
 from defocus_cli.bench_time_table import record
+from defocus_core import render as core_render
 from defocus_core import scenery
+from defocus_core.render import Rendering
 
 TINY = ("--sizes", "32x24", "--radii", "2", "--repeat", "1")
 
@@ -61,14 +63,20 @@ def test_everything_is_timed_and_written(tmp_path: Path) -> None:
     assert [line.split()[0] for line in ran.out.splitlines()[1:9]] == ["floor"] * 4 + ["focus"] * 4
 
 
-def test_a_pair_takes_more_than_the_centre_alone() -> None:
-    took = {
-        outputs: bench_time.measure(
-            Case("floor", (160, 128), 16.0, "standard", outputs), device="cpu", threads=1, repeat=3
-        ).cpu_seconds
-        for outputs in ("centre", "pair")
-    }
-    assert took["pair"] > 1.2 * took["centre"]
+@pytest.mark.parametrize(("outputs", "left_right"), [("centre", False), ("pair", True)])
+def test_a_pair_is_rendered_where_it_is_asked_for(
+    outputs: str, left_right: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def spy(*args: Any, **settings: Any) -> Rendering:
+        asked.append(settings["left_right"])
+        return core_render(*args, **settings)
+
+    monkeypatch.setattr("defocus_core.render", spy)
+    case = Case("floor", (32, 24), 2.0, "draft", outputs)
+    bench_time.measure(case, device="cpu", threads=1, repeat=1)
+    assert asked == [left_right]
 
 
 def test_a_case_is_repeated_as_often_as_asked_for_unless_it_is_long(
