@@ -56,7 +56,7 @@ def run(job: Job, progress: Callable[[int, int], None] | None = None) -> Outcome
     from defocus_cli.delivery import deliver
 
     device = choose_device(job.machine.device)
-    color, depth = _read(job.picture, job.reading)
+    color, depth = read(job.picture, job.reading)
     height, width = depth.metres.shape
     lens = focused(job.lens, depth)
     radius = signed_radius(lens, depth.metres, (width, height))
@@ -172,7 +172,7 @@ def _known(
     """Pixels [H, W, C], signed radius [H, W] px and mask [H, W] of what is known to lie behind."""
     import numpy as np
 
-    behind, depth = _read(hidden, reading)
+    behind, depth = read(hidden, reading)
     if behind.pixels.shape != color.pixels.shape:
         told, wanted = (
             f"{width}x{height} px of {channels} channels"
@@ -186,7 +186,12 @@ def _known(
     return behind.pixels, signed_radius(lens, depth.metres, (width, height)), known
 
 
-def _read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
+def read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
+    """Colour and depth of one size, all of whose pixels can be rendered.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
     from defocus_cli.depth import read_depth, require_valid
     from defocus_cli.images import read_color, require_finite
 
@@ -224,6 +229,7 @@ def _render(
     """The images [H, W, C] and trust [H, W] asked for, and the outcome with what they cost."""
     import torch
 
+    from defocus_cli.forecast import refuse_too_large
     from defocus_core import Aperture, HiddenLayer, render
 
     job, device = outcome.job, outcome.device
@@ -231,6 +237,7 @@ def _render(
     torch.set_num_threads(1)
     image = torch.from_numpy(color.pixels.transpose(2, 0, 1).copy()).to(device)  # [C, H, W]
     signed = torch.from_numpy(radius).to(device)
+    refuse_too_large(job, outcome.lens, image, signed, device=device)
     hidden = None
     if known is not None:
         behind, *rest = (torch.from_numpy(x).to(device) for x in known)

@@ -242,7 +242,18 @@ class _Frame:
             for rung in rungs
         ]
         invented = self.invented.surface.plan if self.invented else []
+        copied = [
+            box.height * box.width
+            for i, box in enumerate(self.grid.tiles)
+            if not any(
+                self.windows[rung * stride].margin
+                for surface, stride in sliced
+                for rung in surface.plan[i]
+            )
+        ]
         return {
+            "pixels": self.size[0] * self.size[1],
+            "pixels_copied": sum(copied),
             "slices": len(self.radii),
             "tiles": len(self.grid.tiles),
             "slice_tiles": 2 * len(self.radii) * len(self.grid.tiles),

@@ -16,7 +16,7 @@ CLI = sorted((ROOT / "defocus_cli").rglob("*.py"))
 # From the outside to the inside: a module imports from its own row or the rows below it.
 LAYERS = [
     {"__init__"},
-    {"lens", "verification"},
+    {"lens", "planning", "verification"},
     {"checks"},
     {"render"},
     {"frame"},
