@@ -54,6 +54,7 @@ _SCENES = (
     ("most", 384, 256, 64.0, "draft", False),
     ("most", 1408, 832, 3.0, "standard", False),
 )
+OF_EACH_THREAD = ("tile", "hidden")
 _REPEATS = 2  # the faster counts: a machine is never faster than it is
 _LEAST_MB = 8.0  # the allocator rounds what is less
 # Bytes held for each byte planned, as measured; memory hardly depends on the machine.
@@ -92,7 +93,7 @@ def usual(threads: int) -> Calibration:
 
 def kept(device: str, threads: int) -> Calibration | None:
     """What was measured before and still holds; None if there is none."""
-    with suppress(OSError, ValueError, TypeError, KeyError):
+    with suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
         document = json.loads(_file(device, threads).read_text(encoding="utf-8"))
         if document["key"] == _key(device, threads):
             seconds, held = (
@@ -191,7 +192,9 @@ def _loads(plan: Plan, threads: int) -> dict[str, float]:
 
 def _bytes(plan: Plan, threads: int) -> dict[str, float]:
     at_once = min(threads, plan.tiles)
-    return {name: size * (at_once if name == "tile" else 1) for name, size in plan.bytes.items()}
+    return {
+        name: size * (at_once if name in OF_EACH_THREAD else 1) for name, size in plan.bytes.items()
+    }
 
 
 def _file(device: str, threads: int) -> Path:
