@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -54,11 +55,10 @@ _SCENES = (
     ("most", 384, 256, 64.0, "draft", False),
     ("most", 1408, 832, 3.0, "standard", False),
 )
-OF_EACH_THREAD = ("tile", "hidden")
 _REPEATS = 2  # the faster counts: a machine is never faster than it is
 _LEAST_MB = 8.0  # the allocator rounds what is less
 # Bytes held for each byte planned, as measured; memory hardly depends on the machine.
-_USUAL_BYTES = {"pixels": 7.0, "hidden": 2.0, "lights": 1.6, "spectra": 1.2, "tile": 3.5}
+_USUAL_BYTES = {"pixels": 3.0, "spectra": 1.2, "region": 5.0, "tile": 3.5}
 
 
 @dataclass(frozen=True)
@@ -181,20 +181,28 @@ def _cost(work: Callable[[], object], device: str, threads: int) -> tuple[float,
 
 
 def _loads(plan: Plan, threads: int) -> dict[str, float]:
-    """Loads; those of tiles as many times as threads that have none left wait for the others."""
-    from defocus_core.planning import TILE_LOADS
+    """Loads, as many times as threads that have nothing to do wait for the others."""
+    from defocus_core.planning import REGION_LOADS, TILE_LOADS
 
-    waves = -(-plan.tiles // threads) * threads / plan.tiles
-    return {
-        name: load * (waves if name in TILE_LOADS else 1.0) for name, load in plan.loads.items()
-    }
+    regions = _at_once(plan, threads)
+    rounds = -(-plan.regions // regions) / plan.regions * threads
+    tiles, each = max(1.0, plan.tiles / plan.regions), threads // regions
+    of_tiles = rounds * math.ceil(tiles / each) / tiles
+    waits = dict.fromkeys(REGION_LOADS, rounds) | dict.fromkeys(TILE_LOADS, of_tiles)
+    return {name: load * waits.get(name, 1.0) for name, load in plan.loads.items()}
 
 
 def _bytes(plan: Plan, threads: int) -> dict[str, float]:
-    at_once = min(threads, plan.tiles)
-    return {
-        name: size * (at_once if name in OF_EACH_THREAD else 1) for name, size in plan.bytes.items()
-    }
+    """Bytes that are held at once."""
+    regions = _at_once(plan, threads)
+    tiles = regions * min(threads // regions, math.ceil(plan.tiles / plan.regions))
+    times = {"region": regions, "tile": tiles}
+    return {name: size * times.get(name, 1) for name, size in plan.bytes.items()}
+
+
+def _at_once(plan: Plan, threads: int) -> int:
+    """Regions that are computed at once."""
+    return min(threads, plan.regions)
 
 
 def _file(device: str, threads: int) -> Path:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.convolution import crop_inverse
-from defocus_core.surface import Margins, Samples, Surface
+from defocus_core.surface import Samples, Surface
 from defocus_core.tiling import Grid
 from defocus_core.windows import Window
 
@@ -31,7 +31,7 @@ class Blur:
         Args:
             windows: Of the slices.
             reaches: Px that each spreads.
-            grid: The tiles.
+            grid: The tiles, counted from the first sample of a surface.
             groups: Of the parts of the aperture: each is computed as if it were alone, to the
                 last bit.
         """
@@ -42,15 +42,10 @@ class Blur:
 
     def sliced(self, samples: Samples, stride: int) -> Sliced:
         """A layer of the scene, prepared for its tiles."""
-        H, W = samples.places.shape
         before = max(w.margin for w in self._windows)
-        rows = len(self._grid.tiles) // self._grid.columns
-        below, beside = (
-            max(w.size[i] - w.margin for w in self._windows) + (n - 1) * self._grid.side - frame
-            for i, (n, frame) in enumerate(((rows, H), (self._grid.columns, W)))
-        )
-        margins = Margins(before, max(beside, 0), max(below, 0))
-        return Sliced(Surface(samples, self._reaches[::stride], self._grid, margins), stride)
+        beyond = max(n - w.margin for w in self._windows for n in w.size)
+        reaches = self._reaches[::stride]
+        return Sliced(Surface(samples, reaches, self._grid, before, beyond), stride)
 
     def over_tile(self, sliced: Sliced, index: int, layer_of: list[int]) -> list[dict[int, Tensor]]:
         """The layers of the visible or the hidden surface over a tile: sums of blurred slices.

@@ -1,93 +1,296 @@
 """A smooth continuation of a picture to pixels that have no value: push and pull.
 
 Values are averaged to half resolution again and again, by the weight they have; then each level
-fills from the next coarser one what it lacks (Gortler et al. 1996). Two pixels make one of the next
-level. Of an odd length every second pixel does, with half of its neighbours: seen from both ends
-the levels are the same, so that a mirrored picture continues as its mirror image.
+fills from the next coarser one what it lacks (Gortler et al. 1996). Only blocks around the pixels
+that ask are computed, and only as many levels as they ask for.
+
+Levels stand symmetrically about the middle of the frame, so that a mirrored picture continues as
+its mirror image, and a part of a frame as the whole. Of an even length two pixels make one of the
+next level. Of an odd length every second pixel does, with half of its neighbours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
+# Cells of the coarsest level on a side of a block, and those around it from which light comes.
+_CELLS = 8
+_AROUND = 2
+# Values come from this many px times 2^level away at most.
+REACH = 4
+# Samples continued at once: bounds memory.
+_SAMPLES = 1 << 18
 
-def quartered(values: Tensor) -> list[Tensor]:
-    """Values [K, H, W] as pictures [K, h, w] of half the size, whose sum is the next level."""
-    return [q.contiguous() for half in _halved(values, -1) for q in _halved(half, -2)]
+
+class Axis(NamedTuple):
+    """Where the middle of the frame lies.
+
+    Attributes:
+        middle: The first index at or after it.
+        odd: Whether it is a pixel, and not between two.
+    """
+
+    middle: int
+    odd: bool
 
 
-def _halved(values: Tensor, dim: int) -> list[Tensor]:
-    even, odd = (
-        (values[..., 0::2], values[..., 1::2])
-        if dim == -1
-        else (values[..., 0::2, :], values[..., 1::2, :])
+def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:
+    """The middle of a frame of (height, width), counted from a pixel of it."""
+    down, across = (
+        Axis(n // 2 - start, n % 2 == 1) for n, start in zip(size, (top, left), strict=True)
     )
-    if values.shape[dim] % 2 == 0:
-        return [even, odd]
-    before = (1, 0) if dim == -1 else (0, 0, 1, 0)
-    after = (0, 1) if dim == -1 else (0, 0, 0, 1)
-    return [even, pad(odd / 2, before), pad(odd / 2, after)]
+    return down, across
 
 
-def pooled(quarters: Sequence[Tensor], chosen: Sequence[Tensor]) -> Tensor:
-    """The sum of those pixels of quarters [K, h, w] that are chosen [h, w]."""
-    total = torch.zeros_like(quarters[0])
-    for quarter, some in zip(quarters, chosen, strict=True):
-        total = total.addcmul(quarter, some.to(total.dtype))
-    return total
+class Halves(NamedTuple):
+    """How the pixels of one axis make those of half resolution.
+
+    Attributes:
+        before: Pixels missing at the beginning.
+        after: Pixels missing at the end.
+        length: Pixels of half resolution.
+        axis: Where the middle is among them.
+    """
+
+    before: int
+    after: int
+    length: int
+    axis: Axis
 
 
-def next_level(values: Tensor) -> Tensor:
-    """Sums [K, h, w] of the pixels [K, H, W] that make one of half resolution."""
-    for dim in (-1, -2):
-        first, *others = _halved(values, dim)
-        values = first + others[0] if len(others) == 1 else first + others[0] + others[1]
+def halves(length: int, axis: Axis) -> Halves:
+    """What an axis of some pixels lacks to be halved."""
+    before = axis.middle % 2
+    after = (length + before + axis.odd) % 2
+    middle = Axis((axis.middle + before) // 2, axis.odd)
+    return Halves(before, after, (length + before + after + axis.odd) // 2, middle)
+
+
+def extended(values: Tensor, down: Halves, across: Halves, value: float) -> Tensor:
+    """Values [..., H, W] with the missing pixels, which get a value."""
+    missing = (across.before, across.after, down.before, down.after)
+    return pad(values, missing, value=value) if any(missing) else values
+
+
+def greatest(values: Tensor, middle: tuple[Axis, Axis], missing: float) -> Tensor:
+    """The greatest [h, w] of the pixels [H, W] that make one of half resolution.
+
+    Args:
+        values: [H, W].
+        middle: Of the frame.
+        missing: What pixels outside count as.
+    """
+    down, across = (halves(n, axis) for n, axis in zip(values.shape, middle, strict=True))
+    values = extended(values, down, across, missing)
+    for dim, axis in enumerate(middle):
+        even, odd = (values[i::2] if dim == 0 else values[:, i::2] for i in (0, 1))
+        if not axis.odd:
+            values = torch.maximum(even, odd)
+            continue
+        n = odd.shape[dim]
+        values = even.clone()
+        for start in (0, 1):
+            side = values.narrow(dim, start, n)
+            torch.maximum(side, odd, out=side)
     return values
 
 
-def continued(half: Tensor, at: Tensor, size: Sequence[int]) -> Tensor:
-    """Values continued to pixels that have none.
+def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
+    """For each pixel the greatest [H, W] of those of half resolution [h, w] that it is part of."""
+    for dim in (0, 1):
+        twice = values.repeat_interleave(2, dim)
+        if odd[dim]:
+            n = 2 * values.shape[dim] - 1
+            values = torch.maximum(twice.narrow(dim, 0, n), twice.narrow(dim, 1, n))
+        else:
+            values = twice
+    return values
+
+
+def continued(
+    values: Sequence[Tensor],
+    rank: Tensor,
+    at: Tensor,
+    border: Tensor,
+    *,
+    level: int,
+    middle: tuple[Axis, Axis],
+) -> tuple[Tensor, Tensor]:
+    """Values continued to some pixels, to each from those whose rank is beyond its border.
 
     Args:
-        half: [K + 1, h, w], sums of `quartered` values times weight; the last channel is weight,
-            which was 0 or 1.
-        at: [n, 2] rows and columns, at full resolution, of pixels of weight 0.
-        size: (H, W) of full resolution.
+        values: Pictures [k, H, W], K channels in all.
+        rank: [H, W], of the dtype of the values.
+        at: [n, 2] rows and columns to continue to, in between pixels too.
+        border: [n] few different ones.
+        level: How many times resolution is halved, at least 1: values come from up to
+            1.5 · 2^level px away, whatever lies there, and never from more than REACH · 2^level.
+        middle: Of the frame.
 
     Returns:
-        [n, K].
+        [n, K], and [n] bool whether there was something to continue.
     """
-    levels = [half / half[-1:].clamp(min=1)]
-    while max(levels[-1].shape[-2:]) > 1:
-        sums = next_level(levels[-1])
-        levels.append(sums / sums[-1:].clamp(min=1))
-    weight = levels[-1][-1:]
-    found = levels.pop()[:-1] / torch.where(weight > 0, weight, 1.0)
-    for level in reversed(levels):
-        found = interpolate(found[None], size=level.shape[-2:], mode="bilinear")[0]
-        found = level[:-1] + (1 - level[-1:]) * found
-    return _bilinear(found, at, size)
-
-
-def _bilinear(coarse: Tensor, at: Tensor, size: Sequence[int]) -> Tensor:
-    """Coarse values [K, h, w] at pixels [n, 2] of a frame of the given size: [n, K]."""
-    (y0, y1, fy), (x0, x1, fx) = (
-        _neighbours(at[:, d], coarse.shape[d + 1], size[d], coarse.dtype) for d in (0, 1)
+    side = _CELLS << level
+    row, column = (
+        ((at[:, d] - middle[d].middle + (0.0 if middle[d].odd else 0.5)) / side).floor().long()
+        for d in (0, 1)
     )
-    above = coarse[:, y0, x0] * (1 - fx) + coarse[:, y0, x1] * fx
-    below = coarse[:, y1, x0] * (1 - fx) + coarse[:, y1, x1] * fx
-    return (above * (1 - fy) + below * fy).T
+    borders, which = torch.unique(border, return_inverse=True)
+    corner = (row - row.min()) * (column.max() - column.min() + 1) + column - column.min()
+    keys, of = torch.unique(corner * len(borders) + which, return_inverse=True)
+    order = of.argsort(stable=True)
+    ends = torch.bincount(of, minlength=len(keys)).cumsum(0).tolist()
+    first_of = order[torch.tensor([0, *ends[:-1]], device=at.device)]
+    rows, columns, limits = row[first_of], column[first_of], border[first_of]
+    found = values[0].new_zeros(len(at), sum(map(len, values)))
+    weight = values[0].new_zeros(len(at))
+    start = 0
+    for first, last in _batches(len(ends), (side + 2 * (_AROUND << level) + 1) ** 2):
+        some = order[start : ends[last - 1]]
+        start = ends[last - 1]
+        origin = [
+            corner[first:last] * side + middle[d].middle - (_AROUND << level)
+            for d, corner in enumerate((rows, columns))
+        ]
+        result = _blocks(values, rank, origin, limits[first:last], level, middle)
+        number = of[some] - first
+        places = [at[some, d] - origin[d][number] for d in (0, 1)]
+        sampled = _sampled(result, number, places, middle)
+        share = sampled[:, -1:].detach()
+        found = found.index_copy(0, some, sampled[:, :-1] / torch.where(share > 0, share, 1.0))
+        weight = weight.index_copy(0, some, share[:, 0])
+    return found, weight > 0
+
+
+def _batches(count: int, samples: int) -> Iterator[tuple[int, int]]:
+    step = max(1, _SAMPLES // samples)
+    for first in range(0, count, step):
+        yield first, min(first + step, count)
+
+
+def _blocks(
+    values: Sequence[Tensor],
+    rank: Tensor,
+    origin: list[Tensor],
+    border: Tensor,
+    level: int,
+    middle: tuple[Axis, Axis],
+) -> Tensor:
+    """Continued values and whether there were some, of m blocks at half resolution.
+
+    Args:
+        values: Pictures [k, H, W], K channels in all.
+        rank: [H, W].
+        origin: First row and first column of each block, [m] both.
+        border: [m].
+        level: Of the coarsest resolution.
+        middle: Of the frame.
+
+    Returns:
+        [m, K + 1, h, w].
+    """
+    length = (_CELLS + 2 * _AROUND) << level
+    size = (length + middle[0].odd, length + middle[1].odd)
+    corners = list(zip(*(corner.tolist() for corner in origin), strict=True))
+    weight = torch.stack([_cut(rank[None], corner, size, -torch.inf) for corner in corners])
+    weight = (weight > border[:, None, None, None]).to(rank.dtype)
+    parts = [
+        torch.stack([_cut(picture, corner, size, 0.0) for corner in corners]) for picture in values
+    ]
+    pixels = torch.cat([*(part * weight for part in parts), weight], 1)
+    odd = (middle[0].odd, middle[1].odd)
+    levels: list[Tensor] = []
+    for _ in range(level):
+        pixels = halved(pixels, odd)
+        pixels = pixels / pixels[:, -1:].clamp(min=1)
+        levels.append(pixels)
+    found = _averaged(levels.pop())
+    for finer in reversed(levels):
+        found = torch.addcmul(finer, 1 - finer[:, -1:], _doubled(found, odd))
+    return found
+
+
+def _cut(picture: Tensor, corner: tuple[int, int], size: tuple[int, int], missing: float) -> Tensor:
+    """A rectangle [..., height, width] of a picture [..., H, W], with a value where it has none."""
+    edges: list[int] = []
+    for dim in (-2, -1):
+        start, length = corner[dim], size[dim]
+        n = picture.shape[dim]
+        first, last = min(max(start, 0), n), max(min(start + length, n), 0)
+        last = max(first, last)
+        picture = picture.narrow(dim, first, last - first)
+        before = min(max(-start, 0), length)
+        edges = [before, length - before - (last - first), *edges]
+    return pad(picture, edges, value=missing) if any(edges) else picture
+
+
+def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
+    """Sums [..., h, w] of the pixels [..., H, W] that make one of half resolution."""
+    for dim in (-1, -2):
+        even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
+        other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
+        if odd[dim]:
+            half = other / 2
+            before = (1, 0) if dim == -1 else (0, 0, 1, 0)
+            after = (0, 1) if dim == -1 else (0, 0, 0, 1)
+            values = even + pad(half, before) + pad(half, after)
+        else:
+            values = even + other
+    return values
+
+
+def _doubled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
+    """The same field [..., h, w] at twice the resolution, linear between samples."""
+    h, w = values.shape[-2:]
+    height, width = 2 * h - odd[0], 2 * w - odd[1]
+    if odd[0] == odd[1]:
+        return interpolate(values, (height, width), mode="bilinear", align_corners=odd[0])
+    values = interpolate(values, (height, w), mode="bilinear", align_corners=odd[0])
+    return interpolate(values, (height, width), mode="bilinear", align_corners=odd[1])
+
+
+def _averaged(values: Tensor) -> Tensor:
+    """Values [m, K + 1, h, w] smoothed by tents of three cells, by their weight; 0 where none is.
+
+    The last channel becomes 1 or 0.
+    """
+    for dim in (-1, -2):
+        n = values.shape[dim]
+        edge = (1, 1) if dim == -1 else (0, 0, 1, 1)
+        wide = pad(values, edge)
+        values = 2 * values + wide.narrow(dim, 0, n) + wide.narrow(dim, 2, n)
+    weight = values[:, -1:]
+    some = weight > 0
+    return torch.where(some, values / torch.where(some, weight, 1.0), 0.0)
+
+
+def _sampled(
+    half: Tensor, number: Tensor, places: list[Tensor], middle: tuple[Axis, Axis]
+) -> Tensor:
+    """Fields [m, K, h, w] of half resolution at pixels [n] of block `number`: [n, K]."""
+    (y0, y1, fy), (x0, x1, fx) = (
+        _neighbours(places[d], half.shape[d + 2], half.dtype, middle[d].odd) for d in (0, 1)
+    )
+    h, w = half.shape[-2:]
+    rows = half.movedim(1, -1).reshape(-1, half.shape[1])
+    above, below = number * (h * w) + y0 * w, number * (h * w) + y1 * w
+
+    def at(row: Tensor) -> Tensor:
+        return rows.index_select(0, row + x0) * (1 - fx) + rows.index_select(0, row + x1) * fx
+
+    return at(above) * (1 - fy) + at(below) * fy
 
 
 def _neighbours(
-    index: Tensor, length: int, full: int, dtype: torch.dtype
+    index: Tensor, length: int, dtype: torch.dtype, odd: bool
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The two coarse samples beside a pixel, and the share of the second."""
-    place = (index.to(dtype) + 0.5) * (length / full) - 0.5
+    place = index.to(dtype) / 2 if odd else (index.to(dtype) - 0.5) / 2
     first = place.floor().clamp(0, length - 1)
-    share = (place - first).clamp(0, 1)
+    share = (place - first).clamp(0, 1)[:, None]
     return first.long(), (first.long() + 1).clamp(max=length - 1), share

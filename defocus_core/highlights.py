@@ -17,13 +17,15 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core.aperture import Aperture, Part, kernel
-from defocus_core.continuation import continued, next_level
+from defocus_core.continuation import REACH, Axis, continued
 from defocus_core.convolution import reach
-from defocus_core.tiling import BLOCK, blocks_of
+from defocus_core.tiling import BLOCK, Box, blocks_of
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
 _ORDINARY = 0.995
+# Surroundings are those up to 1.5 · 2^5 px away; a highlight wider than that stands on black.
+_LEVEL = 5
 # How much nearer, in px of radius and as a share of it, a surface must be to stand before a light.
 _BEFORE = (1.5, 0.15)
 # Samples drawn at once: bounds memory.
@@ -44,22 +46,51 @@ class Highlights(NamedTuple):
     signed_radius: Tensor
 
 
-def split(pixels: Tensor, signed_radius: Tensor) -> tuple[Tensor, Highlights | None]:
-    """Separate highlights from [C, H, W] pixels; the rest continues their surroundings."""
+def threshold(brightness: Tensor) -> float:
+    """What a pixel must exceed to be a highlight in a frame of the given brightness [H, W]."""
+    most = float(brightness.max())
+    rank = max(1, int(_ORDINARY * brightness.numel()))
+    if int((brightness >= most / _BRIGHTER).sum()) > brightness.numel() - rank:
+        return most
+    return _BRIGHTER * max(float(brightness.flatten().kthvalue(rank).values), 0.0)
+
+
+def reached_by(farthest: int) -> int:
+    """Px around a region that lights in it depend on, where light spreads so many px at most.
+
+    A light beside it, what stands before that light, and what surrounds it.
+    """
+    return max(3 * farthest + 2 * BLOCK, farthest + (REACH << _LEVEL))
+
+
+def split(
+    pixels: Tensor, signed_radius: Tensor, limit: float, middle: tuple[Axis, Axis]
+) -> tuple[Tensor, Highlights | None]:
+    """Separate highlights from [C, H, W] pixels; the rest continues their surroundings.
+
+    Args:
+        pixels: [C, H, W].
+        signed_radius: [H, W] px.
+        limit: The `threshold` of the frame.
+        middle: Of the frame.
+    """
     brightness = pixels.detach().amax(0)
-    ordinary = brightness.flatten().kthvalue(max(1, int(_ORDINARY * brightness.numel()))).values
-    bright = brightness > _BRIGHTER * ordinary.clamp(min=0)
-    at = torch.nonzero(bright)
+    at = torch.nonzero(brightness > limit)
     if not len(at):
         return pixels, None
-    weight = (~bright).to(pixels.dtype)
-    ordinary_pixels = torch.cat([pixels * weight, weight[None]])
-    around = continued(next_level(ordinary_pixels), at, bright.shape)  # [n, C]
+    border = torch.full_like(brightness[0, 0], -limit).expand(len(at))
+    around, _ = continued(  # less than the border itself: those at the limit are ordinary
+        [pixels], -brightness, at, _just_below(border), level=_LEVEL, middle=middle
+    )
     rows, columns = at.unbind(-1)
     rest = pixels.clone()
     rest[:, rows, columns] = around.T
     excess = pixels[:, rows, columns].T - around
     return rest, Highlights(at, excess, signed_radius[rows, columns])
+
+
+def _just_below(values: Tensor) -> Tensor:
+    return torch.nextafter(values, torch.full_like(values, -torch.inf))
 
 
 def draw(
@@ -69,8 +100,9 @@ def draw(
     radii: tuple[float, ...],
     aperture: Aperture,
     parts: list[Part],
+    box: Box,
 ) -> Tensor:
-    """The discs of all highlights as the parts of the aperture see them: [M, C, H, W].
+    """The discs of all highlights as the parts of the aperture see them: [M, C, height, width].
 
     Args:
         highlights: From `split`.
@@ -79,12 +111,20 @@ def draw(
         radii: The ladder.
         aperture: The pupil.
         parts: M parts of it.
+        box: What is wanted of the frame.
     """
-    H, W = places.shape
-    channels = highlights.excess.shape[1]
+    channels, (H, W) = highlights.excess.shape[1], (box.height, box.width)
     total = highlights.excess.new_zeros(len(parts), channels, H * W)
-    spread = torch.tensor([reach(float(r), max(H, W)) for r in highlights.signed_radius.detach()])
+    most = max(*places.shape, box.top + H, box.left + W)
+    spread = torch.tensor(
+        [reach(float(r), most) for r in highlights.signed_radius.detach()], dtype=torch.long
+    )
+    corner = torch.tensor([box.top, box.left])
+    far = torch.maximum(
+        corner - highlights.at.cpu(), highlights.at.cpu() - corner - torch.tensor([H, W]) + 1
+    )
     order = spread.argsort(descending=True, stable=True)
+    order = order[(far.amax(1) <= spread)[order]]
     start = 0
     while start < len(order):
         extent = int(spread[order[start]])
@@ -93,7 +133,7 @@ def draw(
         start += count
         chosen = Highlights(*(values[some] for values in highlights))
         seen = _unobstructed(chosen, extent, signed_radius.detach(), places.detach(), radii)
-        index, inside = _targets(chosen.at, extent, H, W)
+        index, inside = _targets(chosen.at - corner.to(places.device), extent, H, W)
         seen = (seen * inside).flatten()
         for m, part in enumerate(parts):
             shape = kernel(chosen.signed_radius, 2 * extent + 1, aperture, part).flatten() * seen

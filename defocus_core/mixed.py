@@ -9,11 +9,11 @@ to be whole, and the most probable α and colours that give it are kept.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import max_pool2d, pad
 
 # Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
 _EDGE = 1.5
@@ -69,16 +69,11 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
         signed_radius: [H, W] px.
     """
     r = signed_radius.detach()
-    steps = [float(r.diff(dim=dim).abs().max()) for dim in (0, 1) if r.shape[dim] > 1]
-    if 2 * sum(steps) <= _EDGE:  # the range of nine pixels
-        return _whole(image, signed_radius)
-    framed = pad(r[None], (1, 1, 1, 1), mode="replicate")
-    nearest = -max_pool2d(-framed, 3, 1)[0]
-    farthest = max_pool2d(framed, 3, 1)[0]
+    nearest, farthest = _of_nine(r, torch.minimum), _of_nine(r, torch.maximum)
     edge = farthest - nearest > _EDGE
     places = torch.nonzero(edge)
     if not len(places):
-        return _whole(image, signed_radius)
+        return whole(image, signed_radius)
     border = (nearest + farthest) / 2
     found = [
         _taken_apart(image, signed_radius, edge, border, at) for at in torch.split(places, _PIXELS)
@@ -91,7 +86,23 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     return Unmixed(color, coverage, Fringe(fringe_at, fringe, fringe_radius))
 
 
-def _whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
+def _of_nine(values: Tensor, choice: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    """The least or greatest [H, W] of each pixel and its neighbours."""
+    for dim in (0, 1):
+        n = values.shape[dim] - 1
+        if n < 1:
+            continue
+        pairs = choice(values.narrow(dim, 0, n), values.narrow(dim, 1, n))
+        ends = (pairs.narrow(dim, 0, 1), pairs.narrow(dim, n - 1, 1))
+        values = torch.cat(
+            [ends[0], choice(pairs.narrow(dim, 0, n - 1), pairs.narrow(dim, 1, n - 1)), ends[1]],
+            dim,
+        )
+    return values
+
+
+def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
+    """A picture [C, H, W] of radii [H, W] without mixed pixels."""
     coverage = torch.ones_like(image[:1])
     nothing = torch.cat([image, coverage])[:, :0, 0].T
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
@@ -126,10 +137,14 @@ def _taken_apart(
     offset = torch.arange(-_AROUND, _AROUND + 1, device=at.device)
     dy, dx = (d.flatten() for d in torch.meshgrid(offset, offset, indexing="ij"))
     place = (at[:, :1] + dy).clamp(0, H - 1) * W + (at[:, 1:] + dx).clamp(0, W - 1)  # [n, 25]
-    radii, alone = signed_radius.flatten()[place], ~edge.flatten()[place]
+    spots = place.flatten()
+    radii, alone = (
+        x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, ~edge)
+    )
     is_near = radii.detach() < border[at[:, 0], at[:, 1]][:, None]
     nearness = torch.exp(-(dy * dy + dx * dx).to(image.dtype) / 4) * alone
-    colors = image.flatten(1)[:, place].movedim(0, 1)  # [n, C, 25]
+    colors = image.flatten(1).index_select(1, spots)
+    colors = colors.reshape(len(image), *place.shape).movedim(0, 1)  # [n, C, 25]
     values = torch.cat([colors, colors * colors, radii[:, None]], 1)
     near, far = (_side(values, nearness * side) for side in (is_near, ~is_near))
     middle = len(dy) // 2

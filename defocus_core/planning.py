@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from defocus_core.aperture import Aperture, parts
-from defocus_core.convolution import reach, transform_length
+from defocus_core.aperture import Aperture
+from defocus_core.frame import Frame, frame_of
 from defocus_core.hidden import hidden_layer
-from defocus_core.highlights import split
-from defocus_core.quality import Quality, find
+from defocus_core.quality import find
 from defocus_core.ramps import without_ramps
-from defocus_core.slicing import layers, position, rungs
+from defocus_core.slicing import position
 from defocus_core.slopes import slopes
-from defocus_core.tiling import BLOCK, TILE, Grid, blocks_at, grid_over, visible_slices
+from defocus_core.tiling import BLOCK, TILE, Grid, blocks_at, regions, visible_slices
+from defocus_core.windows import Window
 
 # Pixels of a sample at most, of one that shows what is hidden, and of the strips in which all are
 # looked at.
@@ -32,15 +32,14 @@ _SAMPLE, _SAMPLE_BEHIND, _STRIP = 1 << 18, 1 << 20, 1 << 20
 _WIDE = 16
 # Px of overlap of strips: soft edges are as wide as that.
 _OVERLAP = 12
-# Pixels beyond which nothing of a frame stays in a cache, and each array is mapped anew.
-_LARGE = 1 << 20
 # Range of radii between neighbours on an edge, and how many pixels wide it is.
 _EDGE, _EDGE_WIDTH = 1.5, 2
-# Loads that are work on tiles, done by all threads.
+# Loads of the tiles of a region, and of a region as a whole; what remains is the frame's.
 TILE_LOADS = ("calls", "forward", "products", "inverse")
-LOADS = ("frame", "pixels", "large", *TILE_LOADS, "kernels", "hidden", "edges", "lights")
-# Bytes that frame, spectra of kernels, and each thread hold.
-BYTES = ("pixels", "hidden", "lights", "spectra", "tile")
+REGION_LOADS = ("regions", "around", "hidden", "edges", "lights")
+LOADS = ("frame", "pixels", "kernels", *REGION_LOADS, *TILE_LOADS)
+# Bytes of the frame and the spectra of kernels, of each region, and of each tile in work.
+BYTES = ("pixels", "spectra", "region", "tile")
 
 
 @dataclass(frozen=True)
@@ -50,15 +49,17 @@ class Plan:
     Attributes:
         slices: Of the ladder.
         tiles: Of the frame.
+        regions: That its tiles are put into.
         slice_tiles: What a renderer that skips nothing would do.
         slice_tiles_done: What is done.
         tiles_with_hidden: Tiles behind whose surface something is invented.
         loads: By the names in `LOADS`.
-        bytes: By the names in `BYTES`; those of "tile" are of one thread.
+        bytes: By the names in `BYTES`; those of one region and of one tile are the most of any.
     """
 
     slices: int
     tiles: int
+    regions: int
     slice_tiles: int
     slice_tiles_done: int
     tiles_with_hidden: int
@@ -90,108 +91,108 @@ def plan(
     """
     if signed_radius.dim() != 2 or not signed_radius.numel():
         raise ValueError(f"signed_radius must be [H, W], got {tuple(signed_radius.shape)}")
-    settings = find(quality)
-    channels = channels if image is None else image.shape[0]
-    scene = _Scene(signed_radius, settings, aperture or Aperture(), left_right)
+    if image is None:
+        image = torch.zeros((1, 1, 1), device=signed_radius.device)
+        image = image.expand(channels, *signed_radius.shape)
+    frame = frame_of(
+        image.detach(),
+        signed_radius.detach(),
+        aperture=aperture or Aperture(),
+        quality=find(quality),
+        left_right=left_right,
+        num_layers=None,
+        psf_ks=None,
+        hidden=None,
+    )
+    scene = _Scene(frame, signed_radius.detach())
     work = _Work(scene)
-    count, double = (0.0, False) if image is None else scene.lights(image)
-    size = 8 if double else 4
-    samples = (channels + 1) * size / 4
-    pixels = scene.pixels * samples
+    grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    around = [
+        _area(grid, frame.margin, frame) + _area(grid, frame.farthest, frame) for grid in grids
+    ]
+    pixels, parts, size = signed_radius.numel(), len(frame.parts), 8 if frame.double else 4
+    samples = (len(image) + 1) * size / 4
+    discs = _discs(frame, image, signed_radius, grids, scene.visible)
+    repeated = sum(around) / (2 * pixels)
     loads = {
         "frame": 1.0,
-        "pixels": pixels,
-        "large": pixels * min(scene.pixels / _LARGE, 1.0),
+        "pixels": pixels * samples,
+        "kernels": work.kernels * parts,
+        "regions": float(len(grids)),
+        "around": sum(around) * samples,
+        "hidden": pixels * repeated * samples * scene.hidden_share,
+        "edges": scene.edges * repeated,
+        "lights": discs,
         "calls": work.calls,
         "forward": work.forward * samples,
-        "products": work.products * samples * scene.parts,
-        "inverse": work.inverse * samples * scene.parts,
-        "kernels": work.kernels * scene.parts,
-        "hidden": pixels * scene.hidden_share,
-        "edges": float(scene.edges),
-        "lights": count,
+        "products": work.products * samples * parts,
+        "inverse": work.inverse * samples * parts,
     }
     held = {
-        "pixels": 4 * pixels,
-        "hidden": 4 * pixels * bool(scene.hidden_share),
-        "lights": 4 * pixels * scene.parts * bool(count) + 8 * min(count, 1 << 21),
-        "spectra": work.spectra * scene.parts * 2 * size,
-        "tile": work.widest * 4 * samples,
+        "pixels": 4 * pixels * samples * (3 if left_right else 1),
+        "spectra": work.spectra * parts * 2 * size,
+        "region": 4 * max(around) * samples * (1 + bool(discs)),
+        "tile": 4 * work.widest * samples,
     }
-    with_hidden = sum(1 for some in scene.hidden if some)
     return Plan(
-        slices=len(scene.radii),
-        tiles=len(scene.grid.tiles),
-        slice_tiles=2 * len(scene.radii) * len(scene.grid.tiles),
+        slices=len(frame.radii),
+        tiles=len(frame.grid.tiles),
+        regions=len(grids),
+        slice_tiles=2 * len(frame.radii) * len(frame.grid.tiles),
         slice_tiles_done=sum(map(len, [*scene.visible, *scene.hidden])),
-        tiles_with_hidden=with_hidden,
+        tiles_with_hidden=sum(1 for some in scene.hidden if some),
         loads=loads,
         bytes=held,
     )
 
 
 class _Scene:
-    """Slices, and the tiles that they reach, from a sample of the pixels."""
+    """Which slices reach which tiles, from a sample of the pixels."""
 
-    def __init__(
-        self, signed_radius: Tensor, quality: Quality, aperture: Aperture, left_right: bool
-    ) -> None:
-        H, W = signed_radius.shape
-        self.pixels = H * W
-        self.quality = quality
-        self.grid: Grid = grid_over(H, W)
-        self.parts = len(parts(aperture, quality.parts))
-        if left_right and self.parts == 1:
-            self.parts += 2  # halves
-        self.step = _step(H * W)
+    def __init__(self, frame: Frame, signed_radius: Tensor) -> None:
+        self.frame = frame
+        H, W = frame.size
+        step = _step(H * W)
         rows, self.edges = [], 0
-        least, most = math.inf, -math.inf
-        for strip, inner in _strips(signed_radius.detach()):
-            for step in (strip[inner.start : inner.stop + 1].diff(dim=0), strip[inner].diff(dim=1)):
-                self.edges += _EDGE_WIDTH * int((step.abs() > _EDGE).sum())
-            whole = without_ramps(strip)[inner]
-            least, most = min(least, float(whole.min())), max(most, float(whole.max()))
-            rows.append(whole[:: self.step, :: self.step])
-        self.radius = torch.cat(rows)
-        self.radii = rungs(least, most, quality)
-        self.reaches = [reach(r, max(H, W) - 1) for r in self.radii]
-        self.layers = layers(self.radii, quality)
-        everywhere = torch.ones_like(self.radius, dtype=torch.bool)
-        self.visible = self._reached(self.radius, everywhere, 1, (H, W))
-        # lengths and radii shrink alike: slopes stay as they are
-        lean = slopes(self.radius / self.step, quality.least_slope)
-        self.tilted: list[list[int]] = [[] for _ in self.grid.tiles]
-        if lean is not None:
-            self.tilted = self._reached(self.radius, lean.any(0), 1, (H, W))
-        self.hidden, self.hidden_share = self._behind(signed_radius.detach(), most - least)
-
-    def _reached(
-        self, radius: Tensor, some: Tensor, stride: int, size: tuple[int, int]
-    ) -> list[list[int]]:
-        """For each tile the rungs that some of the sampled pixels reach it with."""
-        return self._tiles(self._blocks(radius, some, self.step, stride, size), stride)
+        for strip, inner in _strips(signed_radius) if frame.edges else ():
+            for jump in (strip[inner.start : inner.stop + 1].diff(dim=0), strip[inner].diff(dim=1)):
+                self.edges += _EDGE_WIDTH * int((jump.abs() > _EDGE).sum())
+            rows.append(without_ramps(strip)[inner][::step, ::step])
+        radius = torch.cat(rows) if rows else signed_radius[::step, ::step]
+        everywhere = torch.ones_like(radius, dtype=torch.bool)
+        self.visible = self._tiles(self._blocks(radius, everywhere, step, 1, (H, W)), 1)
+        self.tilted: list[list[int]] = [[] for _ in self.visible]
+        if frame.tilted:  # lengths and radii shrink alike: slopes stay as they are
+            lean = slopes(radius / step, frame.quality.least_slope)
+            if lean is not None:
+                self.tilted = self._tiles(self._blocks(radius, lean.any(0), step, 1, (H, W)), 1)
+        self.hidden: list[list[int]] = [[] for _ in self.visible]
+        self.hidden_share = 0.0
+        if frame.edges:
+            self.hidden, self.hidden_share = self._behind(signed_radius)
 
     def _blocks(
         self, radius: Tensor, some: Tensor, step: int, stride: int, size: tuple[int, int]
     ) -> Tensor:
         """Blocks [K, rows, columns] in which pixels, every `step`-th of a frame, have a rung."""
-        radii = self.radii[::stride]
+        radii = self.frame.radii[::stride]
         places = position(radius[some], radii)
         return blocks_at(places, torch.nonzero(some) * step, len(radii), size)
 
     def _tiles(self, blocks: Tensor, stride: int) -> list[list[int]]:
         """For each tile the rungs that reach it, numbered as in the whole ladder."""
-        found = visible_slices(blocks, self.reaches[::stride], self.grid.tiles)
+        found = visible_slices(blocks, self.frame.reaches[::stride], self.frame.grid.tiles)
         return [[k * stride for k in some] for some in found]
 
-    def _behind(self, signed_radius: Tensor, span: float) -> tuple[list[list[int]], float]:
+    def _behind(self, signed_radius: Tensor) -> tuple[list[list[int]], float]:
         """For each tile the rungs of what is invented there; and the share of pixels that have it.
 
         What is behind an edge is as wide as the radii differ: the greater, the coarser a sample
         shows it. Where it would still be too large, bands of tiles are looked at, and those between
         them are taken for alike.
         """
-        (H, W), stride = signed_radius.shape, self.quality.hidden_stride
+        (H, W), stride = self.frame.size, self.frame.stride
+        span = self.frame.radii[-1] - self.frame.radii[0]
         step = 1
         while step < BLOCK and step <= span / _WIDE and _SAMPLE * step**2 < H * W:
             step *= 2
@@ -217,64 +218,68 @@ class _Scene:
             found.append(blocks[:, : rows % blocks.shape[1]])
         return self._tiles(torch.cat(found, 1), stride), sum(shares) / len(shares)
 
-    def lights(self, image: Tensor) -> tuple[float, bool]:
-        """Samples of the discs of all lights, and whether float32 does for the rest."""
-        sample = image.detach()[:, :: self.step, :: self.step]
-        rest, lights = split(sample, self.radius)
-        brightness = rest.amax(0)
-        lit = brightness[brightness > 0]
-        double = bool(lit.numel()) and bool(brightness.max() > 1e3 * lit.median())
-        if lights is None:
-            return 0.0, double
-        limit = max(self.grid.tiles[-1].top + BLOCK, self.grid.tiles[-1].left + BLOCK)
-        extent = lights.signed_radius.abs().sub(0.5).ceil().clamp(0, limit)
-        nearer = torch.tensor(self.radii).to(extent) < lights.signed_radius[:, None] - 1.5
-        present = torch.zeros(len(self.radii), dtype=torch.bool)
-        present[sorted({k for some in self.visible for k in some})] = True
-        looks = (nearer & present.to(nearer.device)).sum(1) + self.parts
-        return float(((2 * extent + 1) ** 2 * looks).sum()) * self.step**2, double
-
 
 class _Work:
     """What the slices of a scene amount to: samples of transforms, counts of calls."""
 
     def __init__(self, scene: _Scene) -> None:
-        tile = scene.grid.tiles[0]
-        widest: dict[int, int] = {}
-        for number, extent in zip(scene.layers, scene.reaches, strict=True):
-            widest[number] = max(widest.get(number, 0), extent)
-        shapes = [
-            (
-                transform_length(tile.height + 2 * widest[number]),
-                transform_length(tile.width + 2 * widest[number]),
-                widest[number] == 0,
-            )
-            for number in scene.layers
-        ]
-        area = {shape: shape[0] * shape[1] for shape in set(shapes)}
-        logs = {shape: area[shape] * math.log2(area[shape]) for shape in area}
+        frame, windows = scene.frame, scene.frame.windows
         self.calls = self.forward = self.products = self.inverse = self.widest = 0.0
         for visible, tilted, hidden in zip(scene.visible, scene.tilted, scene.hidden, strict=True):
             leaning = set(tilted)
-            for rungs_, together in ((visible, False), (hidden, True)):
-                groups: dict[tuple[int, int, bool], list[int]] = {}
-                for k in rungs_:
-                    groups.setdefault(shapes[k], []).append(k)
-                for shape, some in groups.items():
+            for rungs, together in ((visible, False), (hidden, True)):
+                for window, some in _by_window(windows, rungs):
+                    area = window.size[0] * window.size[1]
                     lean = 0 if together else len(leaning.intersection(some))
-                    results = 1 if together else len({scene.layers[k] for k in some})
+                    results = 1 if together else len({frame.layers[k] for k in some})
                     terms = len(some) + 2 * lean
                     self.calls += terms + results
-                    if shape[2]:  # copied
+                    if window.margin == 0:  # copied
                         continue
-                    self.forward += terms * logs[shape]
-                    self.products += terms * area[shape]
-                    self.inverse += results * logs[shape]
-                    self.widest = max(self.widest, (terms + results * scene.parts) * area[shape])
-        tilts = any(scene.tilted)
-        blurred = [shape for shape in shapes if not shape[2]]
-        self.spectra = sum(area[shape] / 2 for shape in blurred) * (3 if tilts else 1)
-        self.kernels = sum(logs[shape] for shape in blurred) * (3 if tilts else 1)
+                    self.forward += terms * area * math.log2(area)
+                    self.products += terms * area
+                    self.inverse += results * area * math.log2(area)
+                    self.widest = max(self.widest, (terms + results * len(frame.parts)) * area)
+        kinds = 3 if any(scene.tilted) else 1
+        areas = [w.size[0] * w.size[1] for w in windows if w.margin]
+        self.spectra = kinds * sum(areas) / 2
+        self.kernels = kinds * sum(area * math.log2(area) for area in areas)
+
+
+def _by_window(windows: list[Window], rungs: list[int]) -> Iterator[tuple[Window, list[int]]]:
+    """The rungs that share each window."""
+    found: dict[int, list[int]] = {}
+    for k in rungs:
+        found.setdefault(id(windows[k]), []).append(k)
+    for some in found.values():
+        yield windows[some[0]], some
+
+
+def _discs(
+    frame: Frame, image: Tensor, radius: Tensor, grids: list[Grid], visible: list[list[int]]
+) -> float:
+    """Samples of the discs of lights, as often as regions, parts and nearer slices ask for them."""
+    at = torch.nonzero(image.detach().amax(0) > frame.limit)
+    if not len(at):
+        return 0.0
+    r = radius.detach()[at[:, 0], at[:, 1]]
+    spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
+    present = sorted({k for some in visible for k in some})
+    nearer = r.new_tensor([frame.radii[k] for k in present]) < r[:, None] - 1.5
+    samples = (2 * spread + 1) ** 2 * (nearer.sum(1) + len(frame.parts))
+    total = 0.0
+    for grid in grids:
+        first = at.new_tensor(grid.box[:2])
+        last = first + at.new_tensor(grid.box[2:]) - 1
+        far = torch.maximum(first - at, at - last).amax(1)
+        total += float(samples[far <= spread].sum())
+    return total
+
+
+def _area(grid: Grid, margin: int, frame: Frame) -> float:
+    """Pixels of a region with a margin."""
+    box = grid.box.grown(margin, frame.box)
+    return float(box.height * box.width)
 
 
 def _step(pixels: int) -> int:

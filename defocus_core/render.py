@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
-from defocus_core.frame import render_frame
+from defocus_core.assembly import assembled
+from defocus_core.frame import frame_of
 from defocus_core.hidden import HiddenLayer
 from defocus_core.quality import find
 
@@ -90,7 +91,7 @@ def render(
     done, trusts = [], []
     stats: dict[str, int] = {}
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        images, trust, counts = render_frame(
+        frame = frame_of(
             pixels,
             radius,
             aperture=aperture or Aperture(),
@@ -99,8 +100,9 @@ def render(
             num_layers=num_layers,
             psf_ks=psf_ks,
             hidden=known,
-            threads=threads,
-            progress=progress,
+        )
+        images, trust, counts = assembled(
+            frame, pixels, radius, hidden=known, threads=threads, progress=progress
         )
         done.append(images)
         trusts.append(trust[0])
@@ -133,9 +135,14 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     radii = signed_radius.to(image.device, dtype).reshape(count, *size)
     pixels = pixels.to(dtype)
     for name, values in (("signed_radius", radii), ("image", pixels)):
-        if not bool(torch.isfinite(values).all()):
+        if not _finite(values):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
     return pixels, radii
+
+
+def _finite(values: Tensor) -> bool:
+    """Whether all values are; their sum tells, unless it is too large itself."""
+    return bool(torch.isfinite(values.detach().sum())) or bool(torch.isfinite(values).all())
 
 
 def _hidden(

@@ -84,4 +84,4 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
 
 def membership(places: Tensor, slices: Tensor) -> Tensor:
     """Share of pixels at the given positions [H, W] in slices [K]: [K, H, W], a partition of 1."""
-    return (1 - (places - slices[:, None, None]).abs()).clamp(min=0)
+    return (places - slices[:, None, None]).abs_().neg_().add_(1).clamp_(min=0)

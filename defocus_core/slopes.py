@@ -17,6 +17,8 @@ _SMALL = 0.05
 # Px to each side of a pixel, and the share of those that must be steep.
 _AROUND = 5
 _AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
+# Px around a pixel that decide its slope.
+AROUND = _AROUND + 1
 
 
 def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from defocus_core.slicing import membership
-from defocus_core.tiling import Grid, blocks_at, blocks_of, visible_slices
+from defocus_core.tiling import Box, Grid, blocks_at, blocks_of, visible_slices
 
 # Samples on a side of the blocks by which points are found.
 _BLOCK = 32
@@ -35,14 +34,6 @@ class Samples(NamedTuple):
     slopes: Tensor | None
 
 
-class Margins(NamedTuple):
-    """Px by which a frame is enlarged, so that every window lies within."""
-
-    before: int
-    beside: int
-    below: int
-
-
 class Surface:
     """A layer of the scene, and what of it each tile of a grid can see.
 
@@ -52,40 +43,46 @@ class Surface:
     """
 
     def __init__(
-        self,
-        samples: Samples,
-        reaches: list[int],
-        grid: Grid,
-        margins: Margins,
+        self, samples: Samples, reaches: list[int], grid: Grid, before: int, beyond: int
     ) -> None:
         """Plan the slices of a layer.
 
         Args:
             samples: The layer.
             reaches: Px that each rung spreads.
-            grid: The tiles.
-            margins: Around the frame.
+            grid: The tiles, counted from the first sample.
+            before: Px that windows extend above and to the left of tiles at most.
+            beyond: Px that windows extend from there downwards and to the right at most.
         """
-        self._before = margins.before
+        self._tiles = grid.tiles
         self._rungs = count = len(reaches)
-        self._columns = grid.columns
-        self._side = grid.side
+        H, W = samples.places.shape
+        first, last = grid.tiles[0], grid.tiles[-1]
+        self._origin = (before - first.top, before - first.left)
+        self._size = (
+            max(last.top - first.top + before + beyond, self._origin[0] + H),
+            max(last.left - first.left + before + beyond, self._origin[1] + W),
+        )
         exists = samples.layer[-1].detach() > 0
-        size = (samples.places.shape[0], samples.places.shape[1])
-        blocks = blocks_of(samples.places, count, exists)
+        blocks = blocks_of(samples.places, count, None if bool(exists.all()) else exists)
         if len(samples.at):
-            blocks |= blocks_at(samples.extra_places, samples.at, count, size)
+            blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
-        frame = (margins.before, margins.beside, margins.before, margins.below)
         self._slopes = None
         if samples.slopes is not None:
             tilted = blocks_of(samples.places, count, samples.slopes.detach().any(0))
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
-            self._slopes = pad(samples.slopes, frame)
-        self._layer = pad(samples.layer, frame)
-        self._places = pad(samples.places, frame)
+            self._slopes = self._framed(samples.slopes)
+        self._layer = self._framed(samples.layer)
+        self._places = self._framed(samples.places)
         self._extra = _Points(samples)
+
+    def _framed(self, values: Tensor) -> Tensor:
+        """Values [..., H, W] in a frame of zeros in which every window lies."""
+        framed = values.new_zeros(*values.shape[:-2], *self._size)
+        Box(*self._origin, *values.shape[-2:]).of(framed).copy_(values)
+        return framed
 
     def members(self, index: int, margin: int, size: tuple[int, int], rungs: list[int]) -> Tensor:
         """Slices within a window around a tile, [k, C + 1, height, width].
@@ -96,23 +93,24 @@ class Surface:
             size: (height, width) of the window.
             rungs: Their numbers on the ladder.
         """
-        rows, columns = self._window(index, margin, size)
+        corner, window = self._window(index, margin, size)
         numbers = torch.tensor(rungs, dtype=self._places.dtype, device=self._places.device)
-        shares = membership(self._places[rows, columns], numbers)
-        pixels = self._layer[:, rows, columns] * shares[:, None]
-        corner = (rows.start - self._before, columns.start - self._before)
+        shares = membership(window.of(self._places), numbers)
+        pixels = window.of(self._layer) * shares[:, None]
         return self._extra.added(pixels, corner, rungs, self._rungs)
 
     def slopes(self, index: int, margin: int, size: tuple[int, int]) -> Tensor:
         """[2, height, width] within a window around a tile that has tilted slices."""
         assert self._slopes is not None
-        rows, columns = self._window(index, margin, size)
-        return self._slopes[:, rows, columns]
+        return self._window(index, margin, size)[1].of(self._slopes)
 
-    def _window(self, index: int, margin: int, size: tuple[int, int]) -> tuple[slice, slice]:
-        row, column = divmod(index, self._columns)
-        top, left = (n * self._side + self._before - margin for n in (row, column))
-        return slice(top, top + size[0]), slice(left, left + size[1])
+    def _window(
+        self, index: int, margin: int, size: tuple[int, int]
+    ) -> tuple[tuple[int, int], Box]:
+        """The corner of a window, counted from the first sample, and the window in the frame."""
+        tile = self._tiles[index]
+        y, x = tile.top - margin, tile.left - margin
+        return (y, x), Box(y + self._origin[0], x + self._origin[1], *size)
 
 
 class _Points:
@@ -162,7 +160,8 @@ class _Points:
         y = self._at[near, 0] - corner[0]
         x = self._at[near, 1] - corner[1]
         inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        layer, places = self._layer[near] * inside[:, None], self._places[near]
+        layer = self._layer.index_select(0, near) * inside[:, None]
+        places = self._places.index_select(0, near)
         spot = torch.where(inside, y * width + x, 0)[:, None]
         channel = torch.arange(channels, device=pixels.device) * (height * width)
         slots = torch.full((count + 1,), -1, device=pixels.device)

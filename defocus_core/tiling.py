@@ -1,4 +1,4 @@
-"""A fixed grid of tiles, and which slices each of them can see.
+"""A fixed grid of tiles, regions of them, and which slices each tile can see.
 
 The grid depends on nothing but the frame, so that a pixel is computed in the same way whatever
 else was asked for. A slice is worth computing for a tile if it has a pixel within its own radius
@@ -7,6 +7,7 @@ of the tile.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -15,19 +16,44 @@ from torch import Tensor
 TILE = 128
 # Px on a side of the blocks in which the presence of slices is recorded.
 BLOCK = 16
+# Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
+_REGION = 640
+# Margins of light from outside may enlarge a region by so much on each side, as a share of it.
+_MARGIN = 0.25
+# Slices that share an integer of bits.
+_BITS = 62
 
 
-class Tile(NamedTuple):
-    """A rectangle of the frame."""
+class Box(NamedTuple):
+    """A rectangle of a picture."""
 
     top: int
     left: int
     height: int
     width: int
 
+    def grown(self, by: int, within: Box) -> Box:
+        """Larger by some px on all sides, cut to what there is."""
+        top, left = max(self.top - by, within.top), max(self.left - by, within.left)
+        below = min(self.top + self.height + by, within.top + within.height)
+        beside = min(self.left + self.width + by, within.left + within.width)
+        return Box(top, left, below - top, beside - left)
+
+    def shrunk(self, by: int) -> Box:
+        """Smaller by some px on all sides; its size may become negative."""
+        return Box(self.top + by, self.left + by, self.height - 2 * by, self.width - 2 * by)
+
+    def seen_from(self, other: Box) -> Box:
+        """The same rectangle counted from the corner of another."""
+        return Box(self.top - other.top, self.left - other.left, self.height, self.width)
+
+    def of(self, picture: Tensor) -> Tensor:
+        """What it holds of a picture [..., H, W]."""
+        return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
+
 
 class Grid(NamedTuple):
-    """All tiles of a frame, row by row.
+    """Tiles in rows.
 
     Attributes:
         tiles: The tiles; the last of a row or column may be smaller.
@@ -35,22 +61,62 @@ class Grid(NamedTuple):
         columns: Tiles in a row.
     """
 
-    tiles: list[Tile]
+    tiles: list[Box]
     side: int
     columns: int
+
+    @property
+    def box(self) -> Box:
+        """All tiles together."""
+        first, last = self.tiles[0], self.tiles[-1]
+        height, width = last.top + last.height - first.top, last.left + last.width - first.left
+        return Box(first.top, first.left, height, width)
+
+    def seen_from(self, other: Box) -> Grid:
+        """The same tiles counted from the corner of another rectangle."""
+        return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])
 
 
 def grid_over(height: int, width: int, side: int = TILE) -> Grid:
     """The grid of tiles over a frame."""
     tiles = [
-        Tile(y, x, min(side, height - y), min(side, width - x))
+        Box(y, x, min(side, height - y), min(side, width - x))
         for y in range(0, height, side)
         for x in range(0, width, side)
     ]
     return Grid(tiles, side, -(-width // side))
 
 
-def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Tile]) -> list[list[int]]:
+def regions(grid: Grid, margin: int) -> list[list[Grid]]:
+    """Rows of regions of the tiles of a frame, about equally large.
+
+    Args:
+        grid: Of the frame.
+        margin: Px around a region from which its tiles take light.
+    """
+    rows, columns = len(grid.tiles) // grid.columns, grid.columns
+    least = max(_REGION, round(margin / _MARGIN))
+    down, across = (_shared_out(n, -(-n * grid.side // least)) for n in (rows, columns))
+    return [
+        [
+            Grid(
+                [grid.tiles[y * columns + x] for y in range(*vertical) for x in range(*horizontal)],
+                grid.side,
+                horizontal[1] - horizontal[0],
+            )
+            for horizontal in across
+        ]
+        for vertical in down
+    ]
+
+
+def _shared_out(count: int, parts: int) -> list[tuple[int, int]]:
+    """Some ranges of nearly equal length that together are range(count)."""
+    cuts = [round(count * i / parts) for i in range(parts + 1)]
+    return [(a, b) for a, b in pairwise(cuts) if a < b]
+
+
+def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list[list[int]]:
     """For each tile the indices of the slices that reach it, nearest first.
 
     Args:
@@ -80,33 +146,50 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
         slices: K.
         present: [H, W] bool, which pixels exist; None if all do.
     """
-    H, W = places.shape
-    down = torch.arange(H, dtype=torch.int32, device=places.device) // BLOCK
-    across = torch.arange(W, dtype=torch.int32, device=places.device) // BLOCK
-    block = down[:, None] * _blocks(W) + across
-    if present is not None:
-        places, block = places[present], block[present]
-    return _marked(places, block, slices, (H, W))
+    lower = places.detach().floor()
+    both = 1 + 2 * (places.detach() > lower).to(torch.long)  # the rung above has a share too
+    lower = lower.to(torch.long)
+    found = []
+    for first in range(0, slices, _BITS):
+        bits = both << lower if slices <= _BITS else _bits(both, lower - first)
+        if present is not None:
+            bits = bits * present
+        for dim in (0, 1):
+            bits = _united(bits, dim)
+        number = torch.arange(min(_BITS, slices - first), device=places.device)
+        found.append((bits >> number[:, None, None]) & 1)
+    return torch.cat(found).bool()
+
+
+def _bits(both: Tensor, lower: Tensor) -> Tensor:
+    """One bit, or that and the next, at a place; none where it is not within 0 … 61."""
+    inside = (lower >= 0) & (lower < _BITS)
+    first = torch.where(inside, both << lower.clamp(0, _BITS - 1), 0)
+    return first | ((lower == -1) & (both == 3))
+
+
+def _united(bits: Tensor, dim: int) -> Tensor:
+    """The bits of each block together, along one axis."""
+    n = bits.shape[dim]
+    missing = -n % BLOCK
+    if missing:
+        bits = torch.nn.functional.pad(bits, (0, 0, 0, missing) if dim == 0 else (0, missing))
+    rows = bits.shape[dim] // BLOCK
+    bits = bits.reshape(*bits.shape[:dim], rows, BLOCK, *bits.shape[dim + 1 :])
+    size = BLOCK
+    while size > 1:
+        size //= 2
+        bits = bits.narrow(dim + 1, 0, size) | bits.narrow(dim + 1, size, size)
+    return bits.squeeze(dim + 1)
 
 
 def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
     """The same of points of positions [n] at rows and columns [n, 2] of a frame."""
-    block = at[:, 0] // BLOCK * _blocks(size[1]) + at[:, 1] // BLOCK
-    return _marked(places, block, slices, size)
-
-
-def _blocks(length: int) -> int:
-    return -(-length // BLOCK)
-
-
-def _marked(places: Tensor, block: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
-    rows, columns = map(_blocks, size)
+    rows, columns = (-(-n // BLOCK) for n in size)
+    found = torch.zeros((slices + 1, rows, columns), dtype=torch.bool, device=places.device)
     lower = places.detach().floor()
-    between = places.detach() > lower  # the rung above has a share too
-    key = (2 * lower + between).to(torch.int32) * (rows * columns) + block
-    found = torch.zeros((2 * slices, rows * columns), dtype=torch.bool, device=places.device)
-    found.view(-1)[key.flatten().long()] = True
-    alone, both = found.reshape(slices, 2, rows, columns).unbind(1)
-    marked = alone | both
-    marked[1:] |= both[:-1]
-    return marked
+    y, x = at.div(BLOCK, rounding_mode="floor").unbind(-1)
+    found[lower.long(), y, x] = True
+    between = places.detach() > lower
+    found[lower.long()[between] + 1, y[between], x[between]] = True
+    return found[:slices]

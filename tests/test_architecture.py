@@ -19,11 +19,13 @@ LAYERS = [
     {"lens", "planning", "verification"},
     {"checks"},
     {"render"},
-    {"frame"},
-    {"baselines", "blur", "highlights"},
-    {"surface", "windows"},
-    {"compositing", "convolution", "hidden", "mixed", "ramps", "slicing", "thin_lens", "tiling"},
-    {"aperture", "continuation", "metrics", "probes", "quality"} | {"scenery", "slopes", "threads"},
+    {"assembly"},
+    {"baselines", "region"},
+    {"blur", "frame"},
+    {"hidden", "highlights", "surface", "windows"},
+    {"backdrop"},
+    {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
+    {"aperture", "metrics", "probes", "quality", "scenery", "slopes", "threads", "tiling"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

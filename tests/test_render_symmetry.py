@@ -112,6 +112,28 @@ def test_tiles_leave_no_seam(
         assert worst(seam, 0.0) < RENDERED[dtype]
 
 
+@pytest.mark.parametrize("size", [(150, 290), (131, 261)])
+@pytest.mark.parametrize("kind", [*RADII, "lights"])
+def test_regions_leave_no_seam(
+    kind: str, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is decided for a region is what the whole frame decides."""
+    image, radius = noise(size), RADII["steps" if kind == "lights" else kind](size)
+    if kind == "lights":
+        image[:, 70:75, ::40] = 50.0
+    monkeypatch.setattr(frame, "grid_over", partial(tiling.grid_over, side=32))
+    whole = render(image, radius, left_right=True)
+    monkeypatch.setattr(tiling, "_REGION", 64)
+    monkeypatch.setattr(tiling, "_MARGIN", 1e9)
+    assert sum(map(len, tiling.regions(tiling.grid_over(*size, side=32), 0))) > 4
+    cut = render(image, radius, left_right=True)
+    assert whole.left is not None
+    assert cut.left is not None
+    assert worst(cut.render, whole.render) < EXACT * float(image.max())
+    assert worst(cut.left, whole.left) < EXACT * float(image.max())
+    assert worst(cut.trust, whole.trust) < EXACT
+
+
 @pytest.mark.parametrize("r", [25.0, -25.0, 9.0, -8.0])
 def test_what_is_far_away_does_not_matter(r: float) -> None:
     """The ladder stands where it stands: no pixel beyond reach moves it."""

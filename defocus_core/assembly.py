@@ -1,0 +1,74 @@
+"""The regions of a picture, computed one by one or at once, and put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import count
+
+import torch
+from torch import Tensor
+
+from defocus_core.backdrop import backdrop
+from defocus_core.frame import Frame
+from defocus_core.hidden import HiddenLayer
+from defocus_core.ramps import without_ramps
+from defocus_core.region import Region
+from defocus_core.threads import threaded
+from defocus_core.tiling import Grid, regions
+
+
+def assembled(
+    frame: Frame,
+    pixels: Tensor,
+    signed_radius: Tensor,
+    *,
+    hidden: HiddenLayer | None,
+    threads: int,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[Tensor, Tensor, dict[str, int]]:
+    """Images, trust, and counts of the work done.
+
+    The images are the centre, or centre, left and right: [1 or 3, C, H, W]; trust is [1, 1, H, W].
+
+    Args:
+        frame: What holds for the whole picture.
+        pixels: [C, H, W], float32 or float64.
+        signed_radius: [H, W] px, of the same dtype.
+        hidden: What is known behind the visible surface.
+        threads: As for `render`.
+        progress: As for `render`.
+    """
+    beyond = None
+    if frame.edges:
+        signed_radius = without_ramps(signed_radius)
+        beyond = backdrop(pixels, signed_radius, frame.limit, threads)
+    rows = regions(frame.grid, frame.margin)
+    grids = [grid for row in rows for grid in row]
+    at_once = min(threads, len(grids))
+    done = count(1)
+
+    counts: list[dict[str, int]] = []
+
+    def computed(grid: Grid) -> tuple[Tensor, Tensor]:
+        region = Region(frame, grid, pixels, signed_radius, hidden, beyond)
+        tiles = []
+        for tile in threaded(region.tile, range(len(grid.tiles)), threads // at_once):
+            tiles.append(tile)
+            number = next(done)
+            if progress:
+                progress(number, len(frame.grid.tiles))
+        of_rows = [tiles[i : i + grid.columns] for i in range(0, len(tiles), grid.columns)]
+        images, trust = (_joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
+        counts.append(region.counts())
+        return images, trust
+
+    results = threaded(computed, grids, at_once)
+    by_row = [[next(results) for _ in row] for row in rows]
+    images, trust = (_joined([[r[kind] for r in row] for row in by_row]) for kind in (0, 1))
+    total = {name: sum(each[name] for each in counts) for name in counts[0]}
+    return images, trust, {"slices": len(frame.radii), **total}
+
+
+def _joined(rows: list[list[Tensor]]) -> Tensor:
+    """Pictures [..., h, w], beside and below each other, as one."""
+    return torch.cat([torch.cat(row, -1) for row in rows], -2)

@@ -1,0 +1,226 @@
+"""A picture seen coarsely: how far each edge of depth lets the aperture look, and onto what.
+
+What lies deep behind an edge comes from far away. It is continued from a picture of a quarter of
+the resolution, made once for the whole frame. So is the map of what the edges reveal.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.continuation import (
+    Axis,
+    axes,
+    extended,
+    greatest,
+    halved,
+    halves,
+    spread_out,
+)
+from defocus_core.threads import threaded
+from defocus_core.tiling import Box
+
+# Edges of radius, in px per pixel, above which one surface hides another.
+_EDGE = 1.0
+# Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
+DECAY = 0.70710678
+# How many times the picture is halved.
+COARSE = 2
+# Rows of a quarter of the resolution that are made at once.
+_BAND = 32
+# Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
+_FINEST = -4
+_LEVELS = 13
+_BITS = 16
+_NOWHERE = -2 << _LEVELS << _BITS
+# Radii beyond this count as this: no frame is as wide.
+_MOST = 4096.0
+
+
+class Backdrop(NamedTuple):
+    """What regions need to know of the frame around them.
+
+    Attributes:
+        values: [K, h, w] colour and radius in px, a quarter as large.
+        rank: [h, w] px, the least radius in and beside each pixel of it.
+        middle: Where the middle of the frame is in it.
+        cone: [h, w] integers, half as large, see `_edges`.
+        grain: Px that are 1 in a cone.
+        fine: Where the middle of the frame is at full resolution.
+    """
+
+    values: Tensor
+    rank: Tensor
+    middle: tuple[Axis, Axis]
+    cone: Tensor
+    grain: float
+    fine: tuple[Axis, Axis]
+
+    def revealed(self, box: Box) -> tuple[Tensor, Tensor]:
+        """What the aperture may show at each pixel: the farthest radius, and that of its source.
+
+        A far pixel beside an edge shows until its radius, less the distance, falls to the near
+        one's: the greatest of r_far - |q - far| over all of them (a dilation by a cone).
+
+        Returns:
+            Both [height, width] px: the greatest such difference, below all radii where there is
+            none, and its r_far.
+        """
+        odd = (self.fine[0].odd, self.fine[1].odd)
+        cone = self.cone
+        cuts = []
+        for d, (start, length) in enumerate(((box.top, box.height), (box.left, box.width))):
+            start += self.fine[d].middle % 2
+            first, last = start // 2, (start + length - 1 + odd[d]) // 2
+            cone = cone.narrow(d, first, last + 1 - first)
+            cuts.append(slice(start - 2 * first, start - 2 * first + length))
+        cone = spread_out(cone, odd)[cuts[0], cuts[1]]
+        source = (cone & ((1 << _BITS) - 1)) - (1 << _LEVELS)
+        # two pixels of neighbouring cells may be a px apart, and not two
+        shown = torch.minimum((cone >> _BITS) + math.floor(DECAY / self.grain), source)
+        dtype = self.rank.dtype
+        return shown.to(dtype) * self.grain, source.to(dtype) * self.grain
+
+    def to(self, dtype: torch.dtype) -> Backdrop:
+        """The same in another precision."""
+        return self._replace(values=self.values.to(dtype), rank=self.rank.to(dtype))
+
+    def places(self, at: Tensor) -> Tensor:
+        """Rows and columns [n, 2] of pixels, counted in pixels of a quarter of the resolution."""
+        share = 0.5**COARSE
+        found = [
+            self.middle[d].middle + (at[:, d] - self.fine[d].middle) * share
+            if self.fine[d].odd
+            else self.middle[d].middle - 0.5 + (at[:, d] + 0.5 - self.fine[d].middle) * share
+            for d in (0, 1)
+        ]
+        return torch.stack(found, 1)
+
+
+def backdrop(
+    pixels: Tensor, signed_radius: Tensor, limit: float = math.inf, threads: int = 1
+) -> Backdrop:
+    """Look at a picture coarsely.
+
+    Args:
+        pixels: [C, H, W] linear.
+        signed_radius: [H, W] px.
+        limit: What is brighter is a highlight, and not continued.
+        threads: Bands of rows looked at at once.
+    """
+    H, W = signed_radius.shape
+    least, most = map(float, torch.aminmax(signed_radius.detach()))
+    largest = min(max(-least, most, 1.0), _MOST)
+    grain = 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
+    fine = axes((H, W))
+    half, across = halves(H, fine[0]), halves(W, fine[1])
+    quarter = halves(half.length, half.axis)
+    middle = (quarter.axis, halves(across.length, across.axis).axis)
+
+    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+        """Sums, ranks and cones of rows from one to another of a quarter of the resolution."""
+        first, last = (row - quarter.axis.middle for row in rows)
+        top = max(0, fine[0].middle + 4 * (first - 1))
+        below = min(H, fine[0].middle + 4 * (last + 1) + fine[0].odd)
+        band = Box(top, 0, below - top, W)
+        sums, rank, cone, halved_rows, rows_now = _coarsely(
+            band.of(pixels), band.of(signed_radius), limit, grain, axes((H, W), top)
+        )
+        here = slice(first + rows_now, last + rows_now)
+        start = 0 if rows[0] == 0 else 2 * first + halved_rows
+        end = cone.shape[0] if rows[1] == quarter.length else 2 * last + halved_rows
+        return sums[:, here], rank[here], cone[start:end]
+
+    cuts = [*range(0, quarter.length, _BAND), quarter.length]
+    sums, rank, cone = (
+        torch.cat(parts, -2)
+        for parts in zip(*threaded(looked_at, list(pairwise(cuts)), threads), strict=True)
+    )
+    some = sums[-1] > 0
+    values = sums[:-1] / torch.where(some, sums[-1], 1.0)
+    rank = torch.where(some, rank, -torch.inf)
+    return Backdrop(values, rank, middle, _dilated(cone, grain, most - least), grain, fine)
+
+
+def _coarsely(
+    pixels: Tensor,
+    signed_radius: Tensor,
+    limit: float,
+    grain: float,
+    middle: tuple[Axis, Axis],
+) -> tuple[Tensor, Tensor, Tensor, int, int]:
+    """Sums [C + 2, h, w] and ranks [h, w] of a quarter of the resolution, and cones of half.
+
+    The last two are the rows of the middle in half and in a quarter of the resolution.
+    """
+    r = signed_radius.detach()
+    cone = greatest(_edges(r, grain), middle, _NOWHERE)
+    weight = (pixels.detach().amax(0) <= limit).to(r.dtype)
+    sums = torch.stack([*pixels, signed_radius, torch.ones_like(r)]) * weight
+    rank = -r
+    for dim in (0, 1):  # an anti-aliased pixel beside an edge may have a share of the nearer one
+        rank = _greatest_of_three(rank, dim)
+    rows = []
+    for _ in range(COARSE):
+        down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
+        sums = halved(extended(sums, down, across, 0.0), (down.axis.odd, across.axis.odd))
+        rank = greatest(rank, middle, -torch.inf)
+        middle = (down.axis, across.axis)
+        rows.append(down.axis.middle)
+    return sums, -rank, cone, rows[0], rows[1]
+
+
+def _greatest_of_three(values: Tensor, dim: int) -> Tensor:
+    """The greatest of each value [H, W] and those beside it."""
+    n = values.shape[dim] - 1
+    if n < 1:
+        return values
+    result = values.clone()
+    for target, source in ((0, 1), (1, 0)):
+        side = result.narrow(dim, target, n)
+        torch.maximum(side, values.narrow(dim, source, n), out=side)
+    return result
+
+
+def _edges(r: Tensor, grain: float) -> Tensor:
+    """The radii of the farther pixels at edges, [H, W] twice in an integer, in units of a grain.
+
+    In the upper bits, and again in the lower ones: the greatest cone brings its source along.
+    """
+    radii = (r.clamp(-_MOST, _MOST) / grain).round().to(torch.int32)
+    source = (radii << _BITS) + (radii + (1 << _LEVELS))
+    cone = torch.full_like(source, _NOWHERE)
+    for dim in (0, 1):
+        n = r.shape[dim] - 1
+        if n < 1:
+            continue
+        step = r.diff(dim=dim)
+        before, after = source.narrow(dim, 0, n), source.narrow(dim, 1, n)
+        first, second = cone.narrow(dim, 0, n), cone.narrow(dim, 1, n)
+        first.copy_(torch.where(step < -_EDGE, torch.maximum(first, before), first))
+        second.copy_(torch.where(step > _EDGE, torch.maximum(second, after), second))
+    return cone
+
+
+def _dilated(cone: Tensor, grain: float, span: float) -> Tensor:
+    """Cones [h, w] of half resolution spread over as many px as radii differ at most."""
+    decay = math.floor(DECAY / grain)
+    reached, stride = 0, 1
+    while 2 * reached * decay * grain < span:
+        fall = (2 * decay * stride) << _BITS
+        for dim in (0, 1):
+            n = cone.shape[dim] - stride
+            if n < 1:
+                continue
+            result, fallen = cone.clone(), cone - fall
+            for target, source in ((0, stride), (stride, 0)):
+                side = result.narrow(dim, target, n)
+                torch.maximum(side, fallen.narrow(dim, source, n), out=side)
+            cone = result
+        reached, stride = reached + stride, 2 * stride
+    return cone

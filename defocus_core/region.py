@@ -1,0 +1,226 @@
+"""A region of a picture through the pipeline: slice, blur, composite, tile by tile.
+
+Visible slices are blurred one by one and composited front to back, per part of the aperture.
+Hidden slices fill only what is left, so they are summed while still transformed.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from defocus_core.backdrop import Backdrop
+from defocus_core.blur import Blur, Sliced
+from defocus_core.compositing import add_behind, pair_of, picture
+from defocus_core.continuation import axes
+from defocus_core.frame import Frame
+from defocus_core.hidden import HiddenLayer, hidden_layer
+from defocus_core.highlights import draw, split
+from defocus_core.mixed import Unmixed, unmixed, whole
+from defocus_core.slicing import position
+from defocus_core.slopes import AROUND, slopes
+from defocus_core.surface import Samples
+from defocus_core.tiling import Box, Grid
+
+
+class Region:
+    """Some tiles of a picture, and everything that they share."""
+
+    def __init__(
+        self,
+        frame: Frame,
+        grid: Grid,
+        pixels: Tensor,
+        signed_radius: Tensor,
+        known: HiddenLayer | None,
+        beyond: Backdrop | None,
+    ) -> None:
+        """Find the surfaces of a region.
+
+        Args:
+            frame: It is a part of.
+            grid: Its tiles.
+            pixels: [C, H, W] of the frame.
+            signed_radius: [H, W] px of the frame.
+            known: What is known behind the visible surface of the frame.
+            beyond: The frame seen coarsely; None if nothing in it is hidden.
+        """
+        self._frame = frame
+        self._tiles = grid.tiles
+        core = grid.box
+        outer = core.grown(frame.margin, frame.box)
+        inner = core.grown(frame.farthest, frame.box)
+        self._inside = inner.seen_from(outer)
+        self._blur = Blur(frame.windows, frame.reaches, grid.seen_from(inner), frame.groups)
+        spans = list(dict.fromkeys(map(id, frame.windows)))
+        self._spans = [spans.index(id(window)) for window in frame.windows]
+        middle = axes(frame.size, outer.top, outer.left)
+
+        pixels, signed_radius = outer.of(pixels), outer.of(signed_radius)
+        if known is not None:
+            known = HiddenLayer(*map(outer.of, known))
+        if frame.double:
+            pixels, signed_radius = pixels.double(), signed_radius.double()
+            if known is not None:
+                known = HiddenLayer(known.color.double(), known.signed_radius.double(), known.mask)
+        pixels, highlights = split(pixels, signed_radius, frame.limit, middle)
+        own = (unmixed if frame.edges else whole)(pixels, signed_radius)
+        self._visible = self._in_front(own, signed_radius)
+        # nothing is invented where something is known
+        self._known: Sliced | None = None
+        self._invented: Sliced | None = None
+        if beyond is not None:
+            beyond = beyond.to(pixels.dtype)
+            hidden = hidden_layer(own.color, signed_radius, beyond, outer, self._inside)
+            if hidden is not None:
+                invented = hidden.mask
+                if known is not None:
+                    known = HiddenLayer(*map(self._inside.of, known))
+                    invented = hidden.mask & ~known.mask
+                    self._known = self._behind(known._replace(mask=hidden.mask & known.mask), 1)
+                self._invented = self._behind(hidden._replace(mask=invented), frame.stride)
+        self._highlights = None
+        if highlights:
+            lit = draw(
+                highlights,
+                signed_radius,
+                position(signed_radius, frame.radii),
+                frame.radii,
+                frame.aperture,
+                frame.parts,
+                core.seen_from(outer),
+            )
+            self._highlights = lit
+
+    def _in_front(self, own: Unmixed, signed_radius: Tensor) -> Sliced:
+        """The visible surfaces."""
+        frame, inside = self._frame, self._inside
+        around = inside.grown(AROUND, Box(0, 0, *signed_radius.shape))
+        lean = None
+        if frame.tilted:
+            lean = slopes(around.of(signed_radius), frame.quality.least_slope)
+        fringe = own.fringe
+        at = fringe.at - fringe.at.new_tensor([inside.top, inside.left])
+        here = (at >= 0).all(1) & (at[:, 0] < inside.height) & (at[:, 1] < inside.width)
+        samples = Samples(
+            inside.of(torch.cat([own.color * own.coverage, own.coverage])),
+            position(inside.of(signed_radius), frame.radii),
+            at[here],
+            fringe.layer[here],
+            position(fringe.signed_radius[here], frame.radii),
+            None if lean is None else inside.seen_from(around).of(lean),
+        )
+        return self._blur.sliced(samples, 1)
+
+    def _behind(self, hidden: HiddenLayer, stride: int) -> Sliced | None:
+        """A layer behind the visible one, None if it has no pixels."""
+        color, radius, mask = hidden
+        if not bool(mask.any()):
+            return None
+        coverage = mask[None].to(color.dtype)
+        layer = torch.cat([color * coverage, coverage])
+        places = position(radius, self._frame.radii[::stride])
+        nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
+        samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
+        return self._blur.sliced(samples, stride)
+
+    def tile(self, index: int) -> tuple[Tensor, Tensor]:
+        """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
+        frame = self._frame
+        visible = self._blur.over_tile(self._visible, index, frame.layers)
+        nothing: list[dict[int, Tensor]] = [{} for _ in frame.groups]
+        known = invented = nothing
+        if self._known:
+            known = self._blur.over_tile(self._known, index, self._spans)
+        if self._invented:
+            invented = self._blur.over_tile(self._invented, index, self._spans)
+        (whole, observed), *halves = (
+            self._seen(*layers, index=index)
+            for layers in zip(frame.groups, visible, known, invented, strict=True)
+        )
+        trust = self._trust(whole[:, -1], observed, index)
+        centre = picture(whole, frame.weights[: frame.centre])
+        if not frame.left_right:
+            return centre[None], trust
+        both = halves[0][0] if halves else whole
+        first = frame.groups[-1].start
+        cut = sum(1 for part in frame.parts[first:] if part.x1 <= 0)
+        left = picture(both[:cut], frame.weights[first : first + cut])
+        right = picture(both[cut:], frame.weights[first + cut :])
+        pair = pair_of(centre, left, right, signed=frame.signed)
+        return torch.cat([centre[None], pair]), trust
+
+    def _trust(self, covered: Tensor, observed: Tensor, index: int) -> Tensor:
+        """The share of the aperture that saw the scene, [1, 1, h, w].
+
+        Of what m parts covered [m, h, w] what they observed; as far from the border as light
+        reaches at most, times what they covered: the rest lies outside the frame.
+        """
+        if len(covered) > 1:
+            weights = observed.new_tensor(self._frame.weights[: self._frame.centre])[:, None, None]
+            covered, observed = ((x * weights).sum(0) / weights.sum() for x in (covered, observed))
+        else:
+            covered, observed = covered[0], observed[0]
+        box, (H, W) = self._tiles[index], self._frame.size
+        share, spread = observed / covered, self._frame.farthest
+        if box != box.grown(0, self._frame.box.shrunk(spread)):
+            y = torch.arange(box.top, box.top + box.height, device=covered.device)
+            x = torch.arange(box.left, box.left + box.width, device=covered.device)
+            down, across = torch.minimum(y, H - 1 - y), torch.minimum(x, W - 1 - x)
+            inner = torch.minimum(down[:, None], across) >= spread
+            share = share * torch.where(inner, 1.0, covered)
+        return share.clamp(0, 1)[None, None]
+
+    def _seen(
+        self,
+        group: slice,
+        visible: dict[int, Tensor],
+        known: dict[int, Tensor],
+        invented: dict[int, Tensor],
+        *,
+        index: int,
+    ) -> tuple[Tensor, Tensor]:
+        """What m parts of the aperture see of a tile [m, C + 1, h, w], and the share observed."""
+        order = sorted(visible)
+        seen = torch.zeros_like(visible[order[0]])
+        for number in order:
+            seen = add_behind(seen, visible[number])
+        if known:
+            seen = add_behind(seen, torch.stack(list(known.values())).sum(0))
+        observed = seen[:, -1].clone()
+        if invented:
+            seen = add_behind(seen, torch.stack(list(invented.values())).sum(0))
+        if self._highlights is not None:
+            lit = self._tiles[index].seen_from(self._tiles[0]).of(self._highlights[group])
+            seen = torch.cat([seen[:, :-1] + lit, seen[:, -1:]], 1)
+        return seen, observed
+
+    def counts(self) -> dict[str, int]:
+        """What was computed, out of what a renderer that skips nothing would."""
+        windows, tiles = self._frame.windows, len(self._tiles)
+        sliced = [s for s in (self._visible, self._known, self._invented) if s]
+        work = [
+            windows[rung * stride]
+            for surface, stride in sliced
+            for rungs in surface.plan
+            for rung in rungs
+        ]
+        invented = self._invented.surface.plan if self._invented else []
+        copied = [
+            tile.height * tile.width
+            for i, tile in enumerate(self._tiles)
+            if not any(
+                windows[rung * stride].margin
+                for surface, stride in sliced
+                for rung in surface.plan[i]
+            )
+        ]
+        return {
+            "pixels": sum(tile.height * tile.width for tile in self._tiles),
+            "pixels_copied": sum(copied),
+            "tiles": tiles,
+            "slice_tiles": 2 * len(windows) * tiles,
+            "slice_tiles_done": len(work),
+            "slice_tiles_blurred": sum(1 for window in work if window.margin),
+            "tiles_with_hidden": sum(1 for rungs in invented if rungs),
+        }
