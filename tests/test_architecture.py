@@ -20,7 +20,7 @@ LAYERS = [
     {"checks"},
     {"render"},
     {"assembly"},
-    {"baselines", "region"},
+    {"baselines", "presence", "region"},
     {"blur", "frame"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop"},

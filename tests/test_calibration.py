@@ -16,10 +16,10 @@ from defocus_core.scenery import scenery
 MADE = Calibration(dict.fromkeys(LOADS, 1.0), dict.fromkeys(BYTES, 1.0), 1)
 
 
-def planned(tiles: int = 6) -> Plan:
+def planned(tiles: int = 6, regions: int = 1) -> Plan:
     loads = {name: float(name in TILE_LOADS) for name in LOADS}
     held = dict.fromkeys(BYTES, 2.0**20)
-    return Plan(3, tiles, 6 * tiles, tiles, 0, loads, held)
+    return Plan(3, tiles, regions, 6 * tiles, tiles, 0, loads, held)
 
 
 @pytest.fixture
@@ -84,16 +84,21 @@ def test_without_xdg_the_cache_is_in_the_home(
 
 def test_threads_that_have_no_tile_left_wait() -> None:
     one, four = MADE, replace(MADE, threads=4)
-    assert one.predicted_seconds(planned(6)) == len(TILE_LOADS)
-    assert four.predicted_seconds(planned(6)) == pytest.approx(len(TILE_LOADS) * 8 / 6)
-    assert four.predicted_seconds(planned(8)) == len(TILE_LOADS)
+    work = len(TILE_LOADS)
+    assert one.predicted_seconds(planned(6)) == work
+    assert four.predicted_seconds(planned(6)) == pytest.approx(work * 8 / 6)
+    assert four.predicted_seconds(planned(8)) == work
+    assert four.predicted_seconds(planned(8, regions=3)) > work  # a thread without a region
+    assert four.predicted_seconds(planned(8, regions=4)) == work
 
 
-def test_each_thread_holds_a_tile_of_its_own() -> None:
+def test_each_thread_holds_what_it_works_on() -> None:
     one, four = MADE, replace(MADE, threads=4)
-    assert one.predicted_mb(planned(6)) == len(BYTES)
-    assert four.predicted_mb(planned(6)) == len(BYTES) + 3 * len(calibration.OF_EACH_THREAD)
-    assert four.predicted_mb(planned(1)) == len(BYTES)
+    frame = len(BYTES) - 2  # without region and tile
+    assert one.predicted_mb(planned(6)) == frame + 1 + 1
+    assert four.predicted_mb(planned(6)) == frame + 1 + 4
+    assert four.predicted_mb(planned(8, regions=4)) == frame + 4 + 4
+    assert four.predicted_mb(planned(1)) == frame + 1 + 1
 
 
 def test_a_measurement_tells_more_work_from_less(monkeypatch: pytest.MonkeyPatch) -> None:

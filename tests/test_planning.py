@@ -5,7 +5,7 @@ import torch
 from scenes import RADII, pattern
 from torch import Tensor
 
-from defocus_core import Aperture, planning, render
+from defocus_core import Aperture, presence, render
 from defocus_core.aperture import parts
 from defocus_core.planning import BYTES, LOADS, Plan, plan
 from defocus_core.quality import find
@@ -48,9 +48,9 @@ def test_a_sample_of_a_large_frame_tells_nearly_the_same(
 ) -> None:
     _, radius = scenery(kind, 512, 640, 12.0)
     whole = plan(radius)
-    monkeypatch.setattr(planning, "_SAMPLE", 512 * 640 // 16)
-    monkeypatch.setattr(planning, "_SAMPLE_BEHIND", 512 * 640 // 4)
-    monkeypatch.setattr(planning, "_STRIP", 640 * 100)
+    monkeypatch.setattr(presence, "_SAMPLE", 512 * 640 // 16)
+    monkeypatch.setattr(presence, "_SAMPLE_BEHIND", 512 * 640 // 4)
+    monkeypatch.setattr(presence, "_STRIP", 640 * 100)
     sampled = plan(radius)
     for name in COUNTS:
         assert getattr(sampled, name) == pytest.approx(getattr(whole, name), rel=0.12), name
