@@ -21,7 +21,12 @@ Command = Callable[..., Any]
 ERRORS_ALONE = {"truth": "--truth", "only": "--only", "plot_file": "--plot"}
 ERRORS_ALONE |= {"baselines": "--baselines and --no-baselines"}
 TIMES_ALONE = {"kinds": "--kinds", "sizes": "--sizes", "radii": "--radii", "outputs": "--outputs"}
-TIMES_ALONE |= {"full": "--full", "baseline": "--baseline", "tolerance": "--tolerance"}
+TIMES_ALONE |= {
+    "predict": "--predict",
+    "full": "--full",
+    "baseline": "--baseline",
+    "tolerance": "--tolerance",
+}
 # What is told of errors, and at which sizes and radii times are taken, unless asked for otherwise.
 QUALITIES = ("draft", "standard", "high")
 _QUICK: dict[str, tuple[Any, ...]] = {
@@ -50,6 +55,7 @@ class Times:
     full: bool
     baseline: Path | None
     tolerance: float
+    predict: bool
 
     def cases(self, qualities: tuple[str, ...]) -> list[Case]:
         """What is to be timed."""
@@ -151,4 +157,5 @@ _TIME_OPTIONS = (
         metavar="SHARE",
         help="How much slower, in FFTs, counts as slower.",
     ),
+    _option("--predict", is_flag=True, help="Say besides what a dry run would have said."),
 )

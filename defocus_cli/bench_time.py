@@ -20,6 +20,7 @@ from defocus_cli.errors import InputError
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from defocus_cli.calibration import Calibration
     from defocus_core.scenery import Scenery
 
 KINDS = {
@@ -80,6 +81,8 @@ class Timing:
         peak_mb: most memory that the process held meanwhile, MB; None where no system tells.
         repeats: how often it was rendered.
         stats: what was computed and what was skipped.
+        predicted_seconds: what a dry run would have said; None if it was not asked.
+        predicted_mb: the same of the peak.
     """
 
     case: Case
@@ -89,6 +92,8 @@ class Timing:
     peak_mb: float | None
     repeats: int
     stats: Mapping[str, float]
+    predicted_seconds: float | None = None
+    predicted_mb: float | None = None
 
 
 def cases(
@@ -109,8 +114,12 @@ def cases(
     ]
 
 
-def measure(case: Case, *, device: str, threads: int, repeat: int) -> Timing:
+def measure(
+    case: Case, *, device: str, threads: int, repeat: int, calibration: Calibration | None = None
+) -> Timing:
     """Render a case `repeat` times, or until a second is spent on it.
+
+    With a calibration, the result is predicted besides.
 
     Raises:
         InputError: the picture does not fit into the memory of the GPU.
@@ -127,6 +136,7 @@ def measure(case: Case, *, device: str, threads: int, repeat: int) -> Timing:
     timed(round_trip, 1)  # plans are made once
     seconds: list[float] = []
     cpu, ratios, peaks = [], [], []
+    foreseen = _predicted(case, scene, calibration)
     try:
         unit = _unit(round_trip)
         while not seconds or (len(seconds) < repeat and sum(seconds) < _ENOUGH):
@@ -141,8 +151,28 @@ def measure(case: Case, *, device: str, threads: int, repeat: int) -> Timing:
         problem = "does not fit into the memory of the GPU"
         raise InputError(case.name, problem, "leave that size out or use --device cpu") from None
     peak = max((found for found in peaks if found is not None), default=None)
-    count = len(seconds)
-    return Timing(case, median(seconds), median(cpu), median(ratios), peak, count, dict(stats))
+    found = (case, median(seconds), median(cpu), median(ratios), peak, len(seconds), dict(stats))
+    return Timing(*found, *foreseen)
+
+
+def _predicted(
+    case: Case, scene: Scenery, calibration: Calibration | None
+) -> tuple[float | None, float | None]:
+    """Seconds and peak in MB, if there is a calibration."""
+    if calibration is None:
+        return None, None
+    from defocus_core.planning import plan
+
+    planned = plan(
+        scene.signed_radius,
+        image=scene.image,
+        quality=case.quality,
+        left_right="left" in OUTPUTS[case.outputs],
+    )
+    device = scene.image.device.type
+    memory.reset_peak(device)  # hands back what planning took
+    held = memory.held_mb(device)
+    return calibration.predicted_seconds(planned), held + calibration.predicted_mb(planned)
 
 
 def _work(

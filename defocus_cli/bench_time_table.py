@@ -22,7 +22,11 @@ _COLUMNS = (
     ("work_percent", "work %", 8, 1),
     ("peak_mb", "MB", 7, 0),
 )
+# Those of predictions, which stand beside what was measured.
+_PREDICTED = (("predicted_seconds", "pred. s", 9, 3), ("predicted_mb", "MB", 7, 0))
 _MOST_TOLD = 10
+# By what factor a prediction may be off.
+_NEAR = 1.5
 
 
 def record(timing: Timing) -> dict[str, Any]:
@@ -40,16 +44,18 @@ def record(timing: Timing) -> dict[str, Any]:
         "cpu_seconds": timing.cpu_seconds,
         "fft_units": timing.fft_units,
         "peak_mb": timing.peak_mb,
+        "predicted_seconds": timing.predicted_seconds,
+        "predicted_mb": timing.predicted_mb,
         "repeats": timing.repeats,
         "work_percent": 100 * timing.stats["slice_tiles_done"] / timing.stats["slice_tiles"],
         **timing.stats,
     }
 
 
-def heading() -> str:
-    """The titles of the columns."""
+def heading(*, predicted: bool) -> str:
+    """The titles of the columns, with or without those of predictions."""
     names = "".join(f"{'r' if name == 'radius' else name:<{n}}" for name, n in _NAMES.items())
-    return names + "".join(f"{title:>{width}}" for _, title, width, _ in _COLUMNS)
+    return names + "".join(f"{title:>{width}}" for _, title, width, _ in _columns(predicted))
 
 
 def line(timing: Timing) -> str:
@@ -58,8 +64,9 @@ def line(timing: Timing) -> str:
     told = {"kind": case.kind, "size": "{}x{}".format(*case.size), "radius": f"{case.radius:g}"}
     told |= {"quality": case.quality, "outputs": case.outputs}
     names = "".join(f"{told[name]:<{width}}" for name, width in _NAMES.items())
+    columns = _columns(timing.predicted_seconds is not None)
     return names + "".join(
-        f"{_cell(values[name], decimals):>{width}}" for name, _, width, decimals in _COLUMNS
+        f"{_cell(values[name], decimals):>{width}}" for name, _, width, decimals in columns
     )
 
 
@@ -93,6 +100,24 @@ def comparison_lines(
     )
 
 
+def prediction_lines(timings: Sequence[Timing]) -> Iterator[str]:
+    """How far off predictions were, in words."""
+    yield ""
+    for name, truth, what in (
+        ("predicted_seconds", "seconds", "seconds"),
+        ("predicted_mb", "peak_mb", "peak memory"),
+    ):
+        values = [(record(timing), timing.case.name) for timing in timings]
+        ratios = [(r[name] / r[truth], case) for r, case in values if r[name] and r[truth]]
+        if ratios:
+            near = sum(1 for ratio, _ in ratios if 1 / _NEAR <= ratio <= _NEAR)
+            worst, case = max(ratios, key=lambda each: max(each[0], 1 / each[0]))
+            yield (
+                f"{what}: {near} of {len(ratios)} predicted within a factor of {_NEAR}; "
+                f"farthest off {worst:.2f} x, {case}"
+            )
+
+
 def document(timings: Sequence[Timing]) -> dict[str, Any]:
     """All rows and exponents, for JSON."""
     return {"rows": [record(timing) for timing in timings], "exponents": exponents(timings)}
@@ -110,3 +135,7 @@ def csv_text(timings: Sequence[Timing]) -> str:
 
 def _cell(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
+
+
+def _columns(predicted: bool) -> tuple[tuple[str, str, int, int], ...]:
+    return (*_COLUMNS, *_PREDICTED) if predicted else _COLUMNS

@@ -91,7 +91,7 @@ def test_a_case_is_repeated_as_often_as_asked_for_unless_it_is_long(
 
 def test_what_is_quick_and_what_is_full() -> None:
     usual = {"kinds": (), "sizes": (), "radii": (), "outputs": ()}
-    asked = {"baseline": None, "tolerance": 0.1}
+    asked = {"baseline": None, "tolerance": 0.1, "predict": False}
     quick = Times(**usual, full=False, **asked).cases(())
     full = Times(**usual, full=True, **asked).cases(())
     assert {c.kind for c in quick} == {c.kind for c in full} == set(KINDS)
@@ -222,6 +222,18 @@ def test_a_missing_baseline_is_refused_before_the_work(tmp_path: Path) -> None:
 
 def test_progress_is_for_terminals() -> None:
     assert "rendering" in run("bench", "--time", *TINY, "--kinds", "plane", err=Terminal()).err
+
+
+def test_predictions_stand_beside_what_was_measured(tmp_path: Path) -> None:
+    path = tmp_path / "t.json"
+    ran = bench(*TINY, "--kinds", "floor,plane", "--predict", "--json", path)
+    rows = json.loads(path.read_text())["rows"]
+    for row, line in zip(rows, ran.out.splitlines()[1:], strict=False):
+        assert row["predicted_seconds"] > 0.01  # of each frame, in the cache of the tests
+        assert row["predicted_mb"] > 10
+        assert line.split()[-2] == f"{row['predicted_seconds']:.3f}"
+    assert "of 2 predicted within a factor of 1.5; farthest off" in ran.out
+    assert "predicted" not in bench(*TINY, "--kinds", "floor").out
 
 
 def test_records_tell_the_share_of_the_work() -> None:

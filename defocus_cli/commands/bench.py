@@ -18,6 +18,7 @@ from defocus_cli.bench_options import QUALITIES, Times, refuse_others, time_opti
 from defocus_cli.bench_run import BASELINES, Row, measure_shot, warm_up
 from defocus_cli.bench_set import Shot, find_shots, read, sample_set
 from defocus_cli.bench_time import Case, Size, measure
+from defocus_cli.calibration import calibrated
 from defocus_cli.option_types import FilePath, Names
 
 
@@ -95,6 +96,7 @@ def command(
     full: bool,
     baseline: Path | None,
     tolerance: float,
+    predict: bool,
 ) -> int:
     """Render scenes with known truth and say how far off each shot is and how long it took.
 
@@ -117,13 +119,14 @@ def command(
       defocus bench --repeat 3 --json bench.json --csv bench.csv --plot bench.png
       defocus bench --time --json before.json
       defocus bench --time --baseline before.json --tolerance 0.1
+      defocus bench --time --predict --threads 2
       defocus bench --time --kinds floor,cards --sizes 1920x1080 --radii 2,8,32,128
     """  # noqa: D301  click reads the backspace
     refuse_others(ctx, timing=timing)
     files = Files(json_file, csv_file, plot_file)
     files.refuse_unwritable()
     if timing:
-        times = Times(kinds, sizes, radii, outputs, full, baseline, tolerance)
+        times = Times(kinds, sizes, radii, outputs, full, baseline, tolerance, predict)
         return _times(times, times.cases(qualities), files, device, threads or 1, repeat or 5)
     shots = find_shots(truth or sample_set(), only)
     methods = (*(qualities or QUALITIES), *(BASELINES if baselines else ()))
@@ -173,11 +176,12 @@ def _times(
 
     engine.load()
     found = engine.choose_device(device)
-    timed = partial(measure, device=found, threads=threads, repeat=repeat)
     if stored:
         stored.refuse_incomparable(cases, threads=threads, device=found)
+    known = calibrated(found, threads) if times.predict else None
+    timed = partial(measure, device=found, threads=threads, repeat=repeat, calibration=known)
     warm_up(found)
-    click.echo(bench_time_table.heading())
+    click.echo(bench_time_table.heading(predicted=times.predict))
     timings = []
     with _progress(len(cases)) as (step, tell):
         for case in cases:
@@ -186,6 +190,9 @@ def _times(
             tell(bench_time_table.line(timings[-1]))
     for line in bench_time_table.scaling_lines(timings):
         click.echo(line)
+    if times.predict:
+        for line in bench_time_table.prediction_lines(timings):
+            click.echo(line)
     settings: dict[str, Any] = {"device": found, "threads": threads, "repeat": repeat}
     worse: Sequence[Mapping[str, Any]] = ()
     if stored:
