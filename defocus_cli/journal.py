@@ -1,9 +1,9 @@
 """The journal of OUT: a line of JSON for each job that came to an end, appended when it is durable.
 
 ``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
-of a batch did. Each record starts with its newline, so that a torn one cannot spoil the next; a torn
-tail is ignored, and cut off by who appends next. Where records speak of the same file, the last
-holds.
+of a batch did. Each record starts with its newline, so that a torn one cannot spoil the next; a
+torn tail is ignored, and cut off by who appends next. Where records speak of the same file, the
+last holds.
 
 A record has
     sample_id   name of the sample, the stem of its files
@@ -36,25 +36,25 @@ from defocus_cli.files import sync_folder, unwritable
 from defocus_cli.reasons import STATUSES
 
 Record = Mapping[str, Any]
-_SHARD = re.compile(r"journal-(\d+)of(\d+)\.jsonl")
+_SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
 
 
 class Shard(NamedTuple):
-    """The part of a batch that one process does: ``number`` of ``count``, from 1."""
+    """The part of a batch that one process does: ``number`` of ``of``, from 1."""
 
     number: int
-    count: int
+    of: int
 
 
 def journal_path(out: Path, shard: Shard | None = None) -> Path:
     """The journal of OUT, or of a shard."""
-    return out / (f"journal-{shard.number}of{shard.count}.jsonl" if shard else "journal.jsonl")
+    return out / (f"journal-{shard.number}of{shard.of}.jsonl" if shard else "journal.jsonl")
 
 
 def shards(out: Path) -> list[Shard]:
-    """The shards that have a journal in OUT."""
-    found = (_SHARD.fullmatch(path.name) for path in out.glob("journal-*of*.jsonl"))
-    return sorted(Shard(int(name[1]), int(name[2])) for name in found if name)
+    """The shards that have begun in OUT."""
+    found = (_SHARD.fullmatch(path.name) for path in out.glob("*journal-*of*.*"))
+    return sorted({Shard(int(name[1]), int(name[2])) for name in found if name})
 
 
 def read_all(out: Path) -> list[Record]:
@@ -64,9 +64,13 @@ def read_all(out: Path) -> list[Record]:
         InputError: a journal cannot be read, or a line of it is broken.
     """
     paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
-    files = [read(path) for path in paths]
-    records = [record for file in files for record in file]
-    if sum(map(bool, files)) > 1:
+    return in_order([read(path) for path in paths])
+
+
+def in_order(journals: Sequence[Sequence[Record]]) -> list[Record]:
+    """The records of several journals in the order in which the jobs came to an end."""
+    records = [record for journal in journals for record in journal]
+    if sum(map(bool, journals)) > 1:
         records.sort(key=lambda record: str(record.get("finished")))
     return records
 

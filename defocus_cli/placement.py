@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Collection, Sequence
-from pathlib import Path
 
 from defocus_cli.errors import InputError
 from defocus_cli.job import Job, Outputs

@@ -5,26 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from defocus_cli import identity, undertaking
+from defocus_cli.how import How
 from defocus_cli.job import Job
 from defocus_cli.journal import Record, Shard, read_all
 from defocus_cli.ledger import Ledger
 from defocus_cli.placement import refuse_misplaced, refuse_unknown
-
-
-class How(Protocol):
-    """What a plan has to know of how a batch is to be carried out; see `defocus_cli.batch.How`."""
-
-    @property
-    def shard(self) -> Shard | None: ...
-    @property
-    def limit(self) -> int | None: ...
-    @property
-    def read_inputs(self) -> bool: ...
-    @property
-    def again(self) -> bool: ...
 
 
 @dataclass(frozen=True)
@@ -81,6 +68,6 @@ def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:
     for job in jobs:
         if job.picture != picture:
             picture, place = job.picture, place + 1
-        if place % shard.count == shard.number - 1:
+        if place % shard.of == shard.number - 1:
             part.append(job)
     return part

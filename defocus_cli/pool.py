@@ -1,8 +1,8 @@
 """Does the jobs of a batch in processes of this machine.
 
-A process that dies (a crash in a decoder, the system short of memory) is replaced. Which of the jobs
-it had was to blame is not known, so each of them is done again with a process to itself; one that
-has seen `STRIKES` processes die has failed.
+A process that dies (a crash in a decoder, the system short of memory) is replaced. Which of the
+jobs it had was to blame is not known, so each of them is done again with a process to itself; one
+that has seen `STRIKES` processes die has failed.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import worker
-from defocus_cli.batch import Chunk, Done
 from defocus_cli.errors import InputError
+from defocus_cli.how import Chunk, Done
 from defocus_cli.job import Job
 from defocus_cli.work import failed
 

@@ -24,12 +24,17 @@ _LEFTOVER = re.compile(r"\..+\.\d+(\.\d+\.tmp|\.before)")
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:
     """The file of a run on OUT, or on a shard."""
-    return out / (f".journal-{shard.number}of{shard.count}.run" if shard else ".journal.run")
+    return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
 
 
 def plans(out: Path) -> list[dict[str, Any]]:
     """What the runs on OUT set out to do that are at it or did not get to their end."""
     return [plan for path in sorted(out.glob(".journal*.run")) for plan in _lines(path)[:1]]
+
+
+def plan_of(out: Path, shard: Shard | None) -> dict[str, Any] | None:
+    """What the run on OUT, or on a shard, set out to do; None if it got to its end."""
+    return next(iter(_lines(run_path(out, shard))), None)
 
 
 def begun(out: Path) -> set[str]:
