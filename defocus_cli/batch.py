@@ -23,6 +23,7 @@ from defocus_cli.interrupts import Interrupts
 from defocus_cli.job import Job
 from defocus_cli.journal import Journal, Record, journal_path
 from defocus_cli.lock import locked
+from defocus_cli.placement import refuse_unwritable
 from defocus_cli.plan import Plan, make_plan
 from defocus_cli.undertaking import Undertaking
 from defocus_cli.work import Result
@@ -65,6 +66,8 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
         InputError: the journal, or an output that must not be touched, is in the way; or nothing
             more can be written.
     """
+    for outputs in {job.outputs for job in jobs}:
+        refuse_unwritable(outputs)
     made = _made_directories(out)
     try:
         with locked(out, how.shard, say=report.say):
@@ -82,16 +85,19 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
     listener.planned(plan)
     left = len(plan.todo) + plan.beyond
     summary = Summary(len(plan.settled) + left, len(plan.settled), left)
+    path = undertaking.run_path(out, how.shard)
     if not plan.todo:
+        if not plan.left:
+            path.unlink(missing_ok=True)
         return summary
     told = {"jobs": summary.jobs, "left": left, "begun": _now()}
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        run = Undertaking(undertaking.run_path(out, how.shard), told, plan.begun)
+        run = Undertaking(path, told, plan.left)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
                 _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
         except BaseException:
-            run.end(done=len(jobs) == 1 and not plan.begun)
+            run.end(done=len(jobs) == 1)
             raise
         run.end(done=summary.left == 0, settled=True)
     summary.interrupted = interrupts.asked
