@@ -83,8 +83,10 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
         undertaking.sweep_up(out)
     plan = make_plan(jobs, out, how)
     listener.planned(plan)
+    settled = len(plan.settled)
+    plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
-    summary = Summary(len(plan.settled) + left, len(plan.settled), left)
+    summary = Summary(settled + left, settled, left)
     path = undertaking.run_path(out, how.shard)
     if not plan.todo:
         if not plan.left:

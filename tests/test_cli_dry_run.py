@@ -131,9 +131,7 @@ def test_what_does_not_fit_is_refused_with_what_would_help(
     needed: dict[str, float], remedy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     job = large(monkeypatch, tmp_path, **needed)
-    with pytest.raises(
-        forecast.TooLarge, match=f"about 900 MB .* but 100 MB are left; .*{remedy}"
-    ):
+    with pytest.raises(forecast.TooLarge, match=f"about 900 MB .* but 100 MB are left; .*{remedy}"):
         forecast.refuse_too_large(
             job, job.lens, torch.rand(3, 8, 8), torch.zeros(8, 8), device="cpu"
         )
