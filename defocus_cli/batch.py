@@ -5,7 +5,6 @@ This is the one path of `defocus render`, `batch` and `retry`. Only this process
 
 from __future__ import annotations
 
-import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,7 @@ from defocus_cli.files import unwritable
 from defocus_cli.how import Chunk, How
 from defocus_cli.interrupts import Interrupts
 from defocus_cli.job import Job
-from defocus_cli.journal import Journal, Record, journal_path
+from defocus_cli.journal import Journal, Record, journal_path, told_path
 from defocus_cli.lock import locked
 from defocus_cli.placement import refuse_unwritable
 from defocus_cli.plan import Plan, make_plan
@@ -163,7 +162,7 @@ class _Batch:
 
 def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
     """What the journal says of a job."""
-    places = {role: _told_path(path, out) for role, path in identity.sources(job.picture).items()}
+    places = {role: told_path(path, out) for role, path in identity.sources(job.picture).items()}
     inputs = {
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
     }
@@ -197,13 +196,6 @@ def _chunks(todo: Sequence[tuple[Job, str]], spread: int) -> Iterator[Chunk]:
         chunk.append((number, job))
     if chunk:
         yield chunk
-
-
-def _told_path(path: Path, out: Path) -> str:
-    """A path as the journal has it: as given if absolute, else relative to OUT."""
-    if path.is_absolute():
-        return str(path)
-    return Path(os.path.relpath(path.absolute(), out.resolve())).as_posix()
 
 
 def _made_directories(out: Path) -> list[Path]:

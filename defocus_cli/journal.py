@@ -28,6 +28,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -92,7 +93,7 @@ def read(path: Path) -> list[Record]:
         raise InputError(path, f"cannot be read: {reason(error)}", remedy) from error
     lines = data.split(b"\n")
     records: list[Record] = []
-    with _without_collections():
+    with without_collections():
         for start in range(0, len(lines), _BLOCK):
             block = lines[start : start + _BLOCK]
             together = _together(block)
@@ -122,7 +123,7 @@ def _one_by_one(path: Path, lines: Sequence[bytes], start: int, *, last: int) ->
 
 
 @contextmanager
-def _without_collections() -> Iterator[None]:
+def without_collections() -> Iterator[None]:
     """Nothing in the block makes cycles; looking for them takes most of its time."""
     enabled = gc.isenabled()
     gc.disable()
@@ -143,6 +144,18 @@ def _parsed(line: bytes) -> Record | None:
 
 def _is_record(value: object) -> bool:
     return isinstance(value, dict) and value.get("status") in STATUSES and "outputs" in value
+
+
+def told_path(path: Path, out: Path) -> str:
+    """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
+    if path.is_absolute():
+        return str(path)
+    return Path(os.path.relpath(path.absolute(), _resolved(out))).as_posix()
+
+
+@lru_cache(maxsize=16)
+def _resolved(out: Path) -> Path:
+    return out.resolve()
 
 
 class Journal:

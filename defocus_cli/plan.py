@@ -58,9 +58,10 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
         todo.append((job, recipe))
         changed += not forced and any(name in ledger.files for name in job.names.values())
     now = todo if how.limit is None else todo[: how.limit]
-    refuse_unknown([job for job, _ in now], ledger.files.keys() | begun)
+    ledger.refuse_other_pictures(job for job, _ in now)
+    refuse_unknown([job for job, _ in now], ledger.files | begun)
     own = {name for job, _ in now for name in job.names.values()}
-    left = frozenset(name for name in begun - ledger.files.keys() - own if (out / name).exists())
+    left = frozenset(name for name in begun - ledger.files - own if (out / name).exists())
     return Plan(now, settled, len(todo) - len(now), changed, left)
 
 

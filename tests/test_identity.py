@@ -96,6 +96,18 @@ def test_a_file_is_unchanged_by_size_and_time_or_else_by_its_bytes(tmp_path: Pat
     assert not identity.unchanged(tmp_path / "none", stamp)
 
 
+def test_a_time_that_is_only_just_past_is_not_relied_on(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"abc")
+    fresh = identity.settled_stamp(path)
+    assert "mtime_ns" not in fresh
+    assert identity.unchanged(path, fresh)
+    path.write_bytes(b"abd")
+    assert not identity.unchanged(path, fresh)
+    os.utime(path, (0, 0))
+    assert identity.settled_stamp(path)["mtime_ns"] == 0
+
+
 @pytest.mark.parametrize("job", [JOB, replace(JOB, picture=HIDDEN, lens=LENS, suffix="_x")])
 def test_a_job_survives_being_made_plain(job: Job) -> None:
     assert typed(Job, plain(job)) == job

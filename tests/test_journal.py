@@ -134,7 +134,7 @@ def test_a_record_holds_until_all_its_files_are_another_s(tmp_path: Path) -> Non
 
 def test_files_of_a_job_that_failed_later_stay_known(tmp_path: Path) -> None:
     ledger = Ledger(tmp_path, [record("a"), record("a", "failed")])
-    assert ledger.files.keys() == {"render/a.exr"}
+    assert ledger.files == {"render/a.exr"}
 
 
 def test_a_hundred_thousand_records_are_read_in_seconds(tmp_path: Path) -> None:
