@@ -60,6 +60,16 @@ def shards(out: Path) -> list[Shard]:
     return sorted({Shard(int(name[1]), int(name[2])) for name in found if name})
 
 
+def require_journal(out: Path) -> None:
+    """Refuse a directory that no batch has written to.
+
+    Raises:
+        InputError: there is no journal.
+    """
+    if not any(out.glob("journal*.jsonl")):
+        raise InputError(out, "has no journal", "name the directory that a batch writes to")
+
+
 def read_all(out: Path) -> list[Record]:
     """The records of all journals in OUT, in the order in which the jobs came to an end.
 

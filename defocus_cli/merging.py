@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from defocus_cli import journal, report, undertaking
-from defocus_cli.errors import InputError
 from defocus_cli.files import sync_folder, written_whole
 from defocus_cli.ledger import Ledger
 from defocus_cli.lock import locked
@@ -26,8 +25,7 @@ def merge(out: Path) -> Merged:
     Raises:
         InputError: there is no journal, one is broken, or somebody is writing one.
     """
-    if not any(out.glob("journal*.jsonl")):
-        raise InputError(out, "has no journal", "name the directory that a batch writes to")
+    journal.require_journal(out)
     with locked(out, say=report.say):
         shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]
         records = journal.read_all(out)

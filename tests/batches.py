@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from command_line import pair
 
-from defocus_cli import here
+from defocus_cli import here, identity
 from defocus_cli.batch_options import Crew
+from defocus_cli.how import Chunk, Done, Execute
+from defocus_cli.job import Job
+from defocus_cli.report import lens_record
 
 JOBS = """
 [inputs]
@@ -29,7 +34,8 @@ kinds = ["coc"]
 def jobs_file(folder: Path, *stems: str, text: str = JOBS) -> Path:
     """A jobs file, and two lenses' worth of pictures beside it."""
     for stem in stems or ("a", "b"):
-        pair(folder, stem)
+        for file in pair(folder, stem):
+            os.utime(file, (0, 0))  # a time that is relied on
     path = folder / "jobs.toml"
     path.write_text(text)
     return path
@@ -60,3 +66,37 @@ def without_times(out: Path) -> list[dict[str, Any]]:
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Batches are computed in the process of the test, which has torch already."""
     monkeypatch.setattr(Crew, "execute", lambda crew: here.execute)
+
+
+def make_believe(out: Path) -> Execute:
+    """Does jobs without computing anything; the files are there, and hold their names."""
+
+    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        for chunk in chunks:
+            for number, job in chunk:
+                done(number, _pretended(job, out))
+
+    return execute
+
+
+def _pretended(job: Job, out: Path) -> dict[str, Any]:
+    outputs = {}
+    for name, path in job.names.items():
+        (out / path).parent.mkdir(exist_ok=True)
+        (out / path).write_text(path)
+        outputs[name] = {"path": path, **identity.stamp(out / path)}
+    return {
+        "status": "ok",
+        "reason": None,
+        "message": "",
+        "inputs": {r: identity.stamp(p) for r, p in identity.sources(job.picture).items()},
+        "outputs": outputs,
+        "lens": lens_record(job.lens),
+        "size": [1, 1],
+        "coc_px": [0.0, 1.0],
+        "depth_note": "",
+        "device": "cpu",
+        "warnings": [],
+        "seconds": {"read": 0.0, "render": 0.0, "write": 0.0, "cpu": 0.0},
+        "stats": {},
+    }

@@ -10,7 +10,7 @@ from defocus_cli import options, report
 from defocus_cli.batch_options import Crew, computed_by, crew_options, shards_size_option
 from defocus_cli.commands.batch import carry_out
 from defocus_cli.how import How
-from defocus_cli.journal import read_all
+from defocus_cli.journal import read_all, require_journal
 from defocus_cli.ledger import Ledger
 from defocus_cli.option_types import FilePath
 from defocus_cli.reasons import REASONS
@@ -51,6 +51,7 @@ def command(
       defocus retry out
       defocus retry out --reason worker-died --processes 1
     """  # noqa: D301  click reads the backspace
+    require_journal(out)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         report.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")

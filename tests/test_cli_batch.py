@@ -1,0 +1,337 @@
+"""``defocus batch``, ``status``, ``retry`` and ``merge``: many jobs, whatever stops them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from batches import (
+    JOBS,
+    contents,
+    in_process,
+    jobs_file,
+    make_believe,
+    records,
+    without_times,
+)
+from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
+
+from defocus_cli import engine
+from defocus_cli.batch_options import Crew
+from defocus_cli.finished import samples
+from defocus_cli.journal import Journal
+from defocus_cli.lock import locked
+from defocus_cli.main import main
+
+__all__ = ["in_process"]
+pytestmark = pytest.mark.usefixtures("in_process")
+NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
+
+
+def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path: Path, out: Path) -> None:
+    ran = run("batch", jobs_file(tmp_path), "-o", out)
+    assert ran.code == 0
+    assert ran.out == ""
+    assert ran.err.startswith("4 jobs: 4 done; ")
+    wanted = {f"coc/{name}.exr" for name in NAMES} | {"metadata.jsonl"}
+    assert files_under(out) == wanted
+    assert [sample.sample_id for sample in samples(out)] == NAMES
+    assert not list(out.glob(".*")), "no lock and no note is left"
+
+
+def test_a_batch_is_the_same_whoever_does_it(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", tmp_path / "here")
+    monkeypatch.undo()
+    ran = run("batch", path, "-o", out, "--processes", "1")
+    assert ran.code == 0, ran.err
+    assert contents(out) == contents(tmp_path / "here")
+    assert without_times(out) == without_times(tmp_path / "here")
+
+
+def test_one_bad_input_fails_its_jobs_alone(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    ran = run("batch", path, "-o", out)
+    assert ran.code == 1
+    assert "defocus: 2 of 4 jobs failed (input-unusable 2)" in ran.err
+    assert [record["status"] for record in records(out)] == ["failed"] * 2 + ["ok"] * 2
+    assert [sample.sample_id for sample in samples(out)] == NAMES[2:]
+
+
+def test_fail_fast_stops_at_the_first(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, *"abcdefgh")
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    ran = run("batch", path, "-o", out, "--fail-fast")
+    assert ran.code == 1
+    assert len(records(out)) < 8
+    assert " left " in ran.err
+    assert run("batch", path, "-o", out, "--keep-going").code == 1
+    assert run("status", out, "--json").json["ok"] == 14
+
+
+def test_a_fault_of_our_own_fails_its_job_and_v_says_more(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faulty(*_: object) -> None:
+        raise RuntimeError("wires crossed")
+
+    path = jobs_file(tmp_path)
+    monkeypatch.setattr(engine, "compute", faulty)
+    ran = run("batch", path, "-o", out)
+    assert ran.code == 1
+    assert "unexpected RuntimeError: wires crossed" in ran.err
+    assert "Traceback" not in ran.err
+    assert "Traceback" in run("batch", path, "-o", out, "-v").err
+    assert {record["reason"] for record in records(out)} == {"fault"}
+
+
+def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    assert run("batch", path, "-o", out, "--limit", "3").err.startswith("4 jobs: 3 done, 1 left; ")
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["left"], told["jobs"]) == (3, 1, 4)
+    assert "not running; run the same command again" in run("status", out).out
+    assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("4 jobs: 1 done, 3 done b")
+    assert run("status", out, "--json").json["left"] == 0
+
+
+def test_shards_merged_are_one_run(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, *"abcde")
+    run("batch", path, "-o", tmp_path / "whole")
+    for shard in ("1/2", "2/2"):
+        assert run("batch", path, "-o", out, "--shard", shard).code == 0
+    assert not (out / "metadata.jsonl").exists()
+    assert {path.name for path in out.glob("*.jsonl")} == {
+        "journal-1of2.jsonl",
+        "journal-2of2.jsonl",
+    }
+    told = run("merge", out, "--json")
+    assert told.json["jobs"] == 10
+    assert told.json["missing"] == []
+    assert [path.name for path in out.glob("journal*")] == ["journal.jsonl"]
+    assert contents(out) == contents(tmp_path / "whole")
+    assert without_times(out) == without_times(tmp_path / "whole")
+    assert run("merge", out).code == 0, "once more changes nothing"
+    assert run("batch", path, "-o", out).err.endswith("10 jobs: 10 done before\n")
+
+
+def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, *"abcde")
+    done = []
+    for number in (1, 2, 3):
+        run("batch", path, "-o", out, "--shard", f"{number}/3")
+        found = records(out, f"journal-{number}of3.jsonl")
+        done.append({record["settings"]["stem"] for record in found})
+    assert done == [set("ad"), set("be"), set("c")]
+
+
+def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, *"abc")
+    run("batch", path, "-o", out, "--shard", "1/3")
+    assert "1 of 3 shards begun" in run("status", out).out
+    assert "warning: no journal of shards 2/3, 3/3" in run("merge", out).err
+    assert run("batch", path, "-o", out).err.startswith("2 jobs done before, 4 to do")
+
+
+@pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "1/0", "x/y", "-1/2"])
+def test_what_is_no_shard_is_refused(shard: str, tmp_path: Path, out: Path) -> None:
+    ran = run("batch", jobs_file(tmp_path), "-o", out, f"--shard={shard}")
+    refused(ran, 2, "--shard", "no part of a batch")
+
+
+def test_a_second_batch_on_the_same_directory_is_refused(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    out.mkdir()
+    with locked(out, say=print):
+        refused(run("batch", path, "-o", out), 3, f"process {os.getpid()} on ", "stop it")
+        refused(run("merge", out), 3, "has no journal")
+    assert files_under(out) == set()
+
+
+def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    run("batch", path, "-o", out)
+    told = run("status", out).out
+    assert told.startswith(f"{out}: 2 done, 2 failed, 4 jobs\n")
+    assert "  input-unusable 2\n" in told
+    assert f"a_focus2m: input-unusable: {tmp_path / 'depth' / 'a.exr'}: " in told
+    shown = run("status", out, "--failures", "1", "--json").json
+    assert (shown["ok"], shown["failed"], shown["left"]) == (2, 2, 0)
+    assert [failure["sample_id"] for failure in shown["failures"]] == ["a_focus2m"]
+    assert shown["reasons"] == {"input-unusable": 2}
+
+
+def test_status_can_be_asked_while_a_batch_runs(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+    append = Journal.append
+
+    def asked(journal: Journal, record: dict[str, object]) -> None:
+        append(journal, record)
+        seen.append((run("status", out, "--json").json, run("status", out).out))
+
+    path = jobs_file(tmp_path)
+    monkeypatch.setattr(Journal, "append", asked)
+    run("batch", path, "-o", out)
+    told, words = seen[1]
+    assert (told["ok"], told["left"], told["jobs"]) == (2, 2, 4)
+    assert told["running"][0].startswith(f"process {os.getpid()} on ")
+    assert told["jobs_per_second"] > 0
+    assert told["eta_seconds"] == pytest.approx(2 / told["jobs_per_second"])
+    assert "the rest takes about " in words
+
+
+def test_there_is_no_status_without_a_journal(tmp_path: Path) -> None:
+    for command in ("status", "merge", "retry"):
+        refused(run(command, tmp_path), 3, f"{tmp_path}: has no journal")
+
+
+def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    good = (tmp_path / "depth" / "a.exr").read_bytes()
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    run("batch", path, "-o", out)
+    path.unlink()
+    assert run("retry", out).code == 1
+    (tmp_path / "depth" / "a.exr").write_bytes(good)
+    assert "nothing failed for that reason" in run("retry", out, "--reason", "worker-died").err
+    ran = run("retry", out, "--reason", "input-unusable", "--json")
+    assert ran.code == 0
+    assert ran.json["ok"] == 2
+    jobs_file(tmp_path)
+    run("batch", path, "-o", tmp_path / "whole")
+    assert contents(out) == contents(tmp_path / "whole")
+    assert "nothing failed" in run("retry", out).err
+
+
+REJECTING = JOBS.replace("fnumber = 2", "fnumber = 2\nmax-coc = '0.12px'")
+
+
+def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, text=REJECTING)
+    ran = run("batch", path, "-o", out)
+    assert ran.code == 0
+    assert "4 rejected (coc-too-large 4)" in ran.err
+    assert {record["status"] for record in records(out)} == {"rejected"}
+    assert run("batch", path, "-o", out).err.endswith("4 jobs: 4 done before\n")
+    assert "nothing failed" in run("retry", out).err
+    assert run("retry", out, "--reason", "coc-too-large", "--json").json["rejected"] == 4
+    assert len(records(out)) == 8
+
+
+def test_overwrite_does_all_again(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    assert run("batch", path, "-o", out, "--overwrite").err.startswith("4 jobs: 4 done; ")
+
+
+def test_inputs_are_compared_as_asked(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    color = tmp_path / "rgb" / "a.exr"
+    run("batch", path, "-o", out)
+    size = color.stat().st_size
+    color_exr(color, texture(seed=5))
+    assert color.stat().st_size == size
+    os.utime(color, (0, 0))
+    args = ("batch", path, "-o", out, "--json", "--check-inputs")
+    assert run(*args, "stat").json["done_before"] == 4
+    assert run(*args, "hash").json["ok"] == 2
+
+
+def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    ran = run("batch", path, "-o", out, "--dry-run")
+    assert ran.code == 0
+    assert "0 jobs done before, 4 to do" in ran.out
+    assert "GB of files" in ran.out
+    assert not out.exists()
+    run("batch", path, "-o", out, "--limit", "1")
+    told = run("batch", path, "-o", out, "--dry-run", "--limit", "2", "--json").json
+    assert (told["done_before"], told["todo"], told["beyond_limit"]) == (1, 2, 1)
+    assert [sample["stem"] for sample in told["samples"]] == NAMES[1:3]
+    size = (out / "coc" / f"{NAMES[0]}.exr").stat().st_size
+    assert told["bytes"] == pytest.approx(2 * size)
+    assert told["forecast"]["pictures"] == 2
+    assert "would read" in run("batch", path, "-o", out, "--dry-run", "-v").out
+
+
+def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out, "--shards-size", "1GB")
+    assert (out / "shards" / "samples-000000.tar").exists()
+    ran = run("batch", path, "-o", out, "--shards-size", "1GB", "--shard", "1/2")
+    refused(ran, 2, "--shards-size", "merge")
+
+
+def test_a_full_disk_stops_the_batch_and_it_goes_on_later(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync, calls = os.fsync, []
+
+    def full_later(number: int) -> None:
+        calls.append(number)
+        if len(calls) > 12:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(number)
+
+    path = jobs_file(tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full_later)
+        ran = run("batch", path, "-o", out)
+    assert ran.code == 3
+    assert "No space left on device; free some space" in ran.err
+    done = len(records(out))
+    assert 0 < done < 4
+    assert {record["status"] for record in records(out)} == {"ok"}
+    ran = run("batch", path, "-o", out, "--json")
+    assert (ran.code, ran.json["done_before"], ran.json["ok"]) == (0, done, 4 - done)
+
+
+def test_a_bar_counts_the_jobs_on_a_terminal(tmp_path: Path, out: Path) -> None:
+    assert "/4 [" in run("batch", jobs_file(tmp_path), "-o", out, err=Terminal()).err
+
+
+def test_a_scheduler_that_is_none_is_refused(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()
+    path = jobs_file(tmp_path)
+    refused(run("batch", path, "-o", out, "--scheduler", "head"), 2, "'head' is no scheduler")
+    monkeypatch.setattr("defocus_cli.dask_pool.find_spec", lambda name: None)
+    ran = run("batch", path, "-o", out, "--scheduler", "tcp://127.0.0.1:1")
+    refused(ran, 2, "--scheduler: needs Dask", "pip install 'defocus[dask]'")
+    assert not out.exists()
+
+
+HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO", "defocus_core", "distributed", "pandas")
+
+
+def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It loads nothing heavy, and takes less than 2 s."""
+    text = JOBS.replace('["1.5m", "2m"]', '"1m..9m @ 500 in depth"')
+    path = jobs_file(tmp_path, text=text)
+    monkeypatch.setattr(Crew, "execute", lambda crew: make_believe(out))
+    monkeypatch.setattr(os, "fdatasync", lambda number: None)
+    assert main(["batch", str(path), "-o", str(out)]) == 0
+    assert len(records(out)) == 1000
+    script = (
+        "import sys, time; start = time.process_time(); from defocus_cli.main import main; "
+        "main(sys.argv[1:]); print(time.process_time() - start, *sys.modules)"
+    )
+    words = [sys.executable, "-c", script, "batch", str(path), "-o", str(out)]
+    ran = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert "1000 jobs: 1000 done before" in ran.stderr
+    seconds, *modules = ran.stdout.split()
+    assert not set(modules) & set(HEAVY)
+    assert float(seconds) < 2
