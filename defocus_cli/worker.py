@@ -31,6 +31,8 @@ def serve(connection: Connection) -> None:
 
     connection.send(READY)
     pipeline.run(_received(connection), send)
+    connection.close()
+    os._exit(0)  # all is told and written; taking PyTorch down takes a second
 
 
 def _received(connection: Connection) -> Iterator[tuple[int, Job]]:
