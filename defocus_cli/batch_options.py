@@ -96,7 +96,7 @@ def crew_options(command: Command) -> Command:
                 "--threads",
                 type=click.IntRange(min=1),
                 metavar="N",
-                help="Threads of each process.  [default: cores / processes]",
+                help="Threads of each process.  [default: cores / processes; 1 on Dask]",
             ),
             machine_option(
                 "--device",

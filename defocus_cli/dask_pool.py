@@ -24,7 +24,7 @@ _CONNECT = "30s"
 
 
 def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
-    """What does jobs on a scheduler; a job computes with ``threads``, or those its worker has.
+    """What does jobs on a scheduler; a job computes with ``threads``, or one as Dask has it.
 
     Raises:
         UsageProblem: Dask is not installed, or the address is none.
@@ -42,7 +42,7 @@ def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
         make_client: Any = distributed.Client  # without types
 
         try:
-            client = make_client(address, timeout=_CONNECT, set_as_default=False)
+            client = make_client(address, timeout=_CONNECT)
         except (OSError, TimeoutError, ValueError) as error:
             problem = f"no Dask scheduler answers: {reason(error)}"
             raise InputError(address, problem, "start one, or check the address") from None
@@ -92,7 +92,7 @@ class _Submitted:
             number, job = chunk[0]
             key = f"{job.sample_id}-{identity.recipe(job)}-{number}-{len(chunk)}"
             sent = [plain(_absolute(job)) for _, job in chunk]
-            future = self.client.submit(do, sent, self.threads, key=key, pure=False)
+            future = self.client.submit(do, sent, self.threads or 1, key=key, pure=False)
             self.flight[future] = chunk
             completed.add(future)
 
@@ -109,29 +109,17 @@ class _Submitted:
             self.done(number, failed("failed", "worker-died", _death(job, error), {}))
 
 
-def do(jobs: list[dict[str, Any]], threads: int | None) -> list[Result]:
+def do(jobs: list[dict[str, Any]], threads: int) -> list[Result]:
     """Do jobs of one picture, on a worker."""
     reader, results = work.Reader(), []
     for sent in jobs:
         job = typed(Job, sent)
-        job = replace(job, machine=replace(job.machine, threads=threads or _own_threads()))
+        job = replace(job, machine=replace(job.machine, threads=threads))
         ready = reader.read(job)
         computed = ready.result or work.compute(ready)
         result = work.write(computed) if isinstance(computed, work.Computed) else computed
         results.append({key: value for key, value in result.items() if key != "error"})
     return results
-
-
-def _own_threads() -> int:
-    """What a worker may use; it may do several jobs at once, which share the cores."""
-    from defocus_cli.options import cores
-
-    try:
-        from distributed import get_worker
-
-        return max(1, cores() // max(1, int(get_worker().state.nthreads)))
-    except (ImportError, ValueError):
-        return cores()
 
 
 def _absolute(job: Job) -> Job:
