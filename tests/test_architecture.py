@@ -23,7 +23,7 @@ LAYERS = [
     {"baselines", "region"},
     {"blur", "frame"},
     {"hidden", "highlights", "surface", "windows"},
-    {"backdrop"},
+    {"backdrop", "survey"},
     {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
     {"aperture", "metrics", "probes", "quality", "slopes", "threads", "tiling"},
 ]
