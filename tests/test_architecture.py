@@ -16,16 +16,17 @@ CLI = sorted((ROOT / "defocus_cli").rglob("*.py"))
 # From the outside to the inside: a module imports from its own row or the rows below it.
 LAYERS = [
     {"__init__"},
-    {"lens", "verification"},
+    {"random_lens"},
+    {"lens", "planning", "verification"},
     {"checks"},
     {"render"},
     {"assembly"},
-    {"baselines", "region"},
+    {"baselines", "presence", "region"},
     {"blur", "frame"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
     {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
-    {"aperture", "metrics", "probes", "quality", "slopes", "threads", "tiling"},
+    {"aperture", "metrics", "probes", "quality", "scenery", "slopes", "threads", "tiling"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import click
 
-from defocus_cli import options, report
+from defocus_cli import batch, batch_report, dry_runs, here, options, report
+from defocus_cli.how import How
 from defocus_cli.job import (
     Job,
     Lens,
@@ -14,10 +16,10 @@ from defocus_cli.job import (
     Outputs,
     Reading,
     find_pictures,
-    make_jobs,
     with_hidden,
 )
 from defocus_cli.option_types import FilePath
+from defocus_cli.plan import make_plan
 
 
 @click.command(
@@ -32,9 +34,15 @@ from defocus_cli.option_types import FilePath
 @options.hidden_option
 @options.reading_options
 @options.machine_options
+@options.check_inputs_option
 @options.json_option
 @options.verbose_option
-@click.option("--dry-run", is_flag=True, help="Say what would be read and written, and stop.")
+@options.stats_option
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Say what would be read and written, how long it takes and in how much memory, and stop.",
+)
 def command(
     color: Path,
     depth: Path | None,
@@ -43,14 +51,20 @@ def command(
     hidden: tuple[Path, Path] | None,
     reading: Reading,
     machine: Machine,
+    check_inputs: str,
     as_json: bool,
     verbose: bool,
+    stats: bool,
     dry_run: bool,
 ) -> None:
     """Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
 
     COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
     COLOR is an EXR that holds both, or a directory of such.
+
+    OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
+    inputs, options and outputs are as they were are not rendered again. Files that the journal does
+    not know are refused.
 
     \b
     Kinds:
@@ -60,36 +74,32 @@ def command(
       disparity     dual-pixel disparity in px, signed alike
       trust         share of the lens that saw what the picture holds: 1 is nothing invented
 
+    --dry-run opens the inputs and renders nothing. What it says of time goes by a measurement of
+    this machine, made once and kept.
+
     \b
     Examples:
       defocus render rgb.exr depth.exr -o out --focal-length 50mm --fnumber 1.4 --focus 2m
       defocus render photo.jpg depth_mm.png -o out --lens 50mm.toml --focus-at 640,360 --format png
       defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
       defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
+      defocus render frames/ depths/ -o out --lens 50mm.toml --dry-run
     """  # noqa: D301  click reads the backspace
     pictures = with_hidden(find_pictures(color, depth), color, hidden)
-    jobs = make_jobs(pictures, lens, reading=reading, outputs=outputs, machine=machine)
-    records = _plan(jobs, as_json) if dry_run else _run(jobs, verbose)
+    jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
+    how = functools.partial(How, read_inputs=check_inputs == "hash")
+    if dry_run:
+        dry_runs.tell(jobs, make_plan(jobs, outputs.root, how(here.execute)), as_json=as_json)
+        return
+    told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
+    if len(jobs) > 1:
+        with told.bar("picture"):
+            summary = batch.carry_out(jobs, outputs.root, how(here.execute), told)
+    else:
+        with batch_report.tile_bar() as tile_count:
+            alone = here.execute_alone(tile_count)
+            summary = batch.carry_out(jobs, outputs.root, how(alone), told)
     if as_json:
-        report.print_json(dry_run=dry_run, pictures=records)
-
-
-def _plan(jobs: list[Job], as_json: bool) -> list[dict[str, object]]:
-    for job in jobs:
-        if not as_json:
-            click.echo(report.plan_line(job))
-    return [report.plan_record(job) for job in jobs]
-
-
-def _run(jobs: list[Job], verbose: bool) -> list[dict[str, object]]:
-    from defocus_cli import engine
-
-    engine.load()
-    records = []
-    with report.progress(jobs) as (counted, tile_count):
-        for job in counted:
-            outcome = engine.run(job, tile_count)
-            for line in report.outcome_lines(outcome, verbose=verbose):
-                report.say(line)
-            records.append(report.outcome_record(outcome))
-    return records
+        records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
+        report.print_json(dry_run=False, pictures=records)
+    batch_report.end(summary)
