@@ -92,7 +92,9 @@ def hidden_layer(
     # stays where nothing is farther
     found = torch.cat([value.flatten(1).index_select(1, here) for value in values]).T
     deep = far - cone > _SHALLOW * DECAY
-    levels = torch.where(deep, level_of(far - near), FINE)
+    all_of_it = COARSE + max(beyond.rank.shape).bit_length() - 1
+    levels = level_of(far - near).clamp(max=max(FINE, all_of_it))
+    levels = torch.where(deep, levels, FINE)
     down, across = beyond.fine
     middle = (
         Axis(down.middle - box.top, down.odd),

@@ -24,7 +24,7 @@ LAYERS = [
     {"baselines", "presence", "region"},
     {"blur", "frame"},
     {"hidden", "highlights", "surface", "windows"},
-    {"backdrop"},
+    {"backdrop", "survey"},
     {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
     {"aperture", "metrics", "probes", "quality", "scenery", "slopes", "threads", "tiling"},
 ]
