@@ -19,6 +19,7 @@ from defocus_cli.options import Command, cores, machine_option
 from defocus_cli.quantities import byte_count
 
 THREADS = 2  # of a process: more of them wait for one another, more processes take more memory
+MANY = 64  # workers of a cluster, whose number may change
 _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
 
 
@@ -51,6 +52,11 @@ class Crew:
         if self.device == "cuda" or (self.device == "auto" and any(map(_is_there, _GPUS))):
             return 1
         return max(1, cores() // (self.threads or THREADS))
+
+    @property
+    def spread(self) -> int:
+        """Over how many workers the jobs of one picture are to be spread."""
+        return self.count if self.scheduler == "local" else MANY
 
     def execute(self) -> Execute:
         """What does jobs.

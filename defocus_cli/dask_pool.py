@@ -17,9 +17,9 @@ from defocus_cli.errors import InputError, UsageProblem, reason
 from defocus_cli.how import Chunk, Done
 from defocus_cli.job import Job, Picture
 from defocus_cli.plain import plain, typed
-from defocus_cli.work import Result, failed
+from defocus_cli.work import failed
 
-AT_ONCE = 3  # chunks for each worker: one is computed, two wait where it is
+AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
 _CONNECT = "30s"
 
 
@@ -64,6 +64,7 @@ class _Submitted:
         threads: int | None,
     ) -> None:
         self.client, self.chunks, self.done, self.stopped = client, chunks, done, stopped
+        self.address = client.scheduler.address
         self.threads = threads
         self.flight: dict[Any, Chunk] = {}
         self.again: list[Chunk] = []
@@ -100,17 +101,30 @@ class _Submitted:
         """Hand on what came of a chunk."""
         error = future.exception()
         if error is None:
-            for (number, _), result in zip(chunk, future.result(), strict=True):
+            told = future.result()
+            self._require_same_version(told["version"])
+            for (number, _), result in zip(chunk, told["results"], strict=True):
                 self.done(number, result)
+        elif type(error).__name__ != "KilledWorker":
+            problem = f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
+            raise InputError(self.address, problem, "install the same defocus on all of them")
         elif len(chunk) > 1:  # one of them kills workers: see which
             self.again += [[numbered] for numbered in chunk]
         else:
             number, job = chunk[0]
-            self.done(number, failed("failed", "worker-died", _death(job, error), {}))
+            problem = f"{job.picture.color}: several Dask workers that worked on it died"
+            message = f"{problem}; see if it is damaged"
+            self.done(number, failed("failed", "worker-died", message, {}))
+
+    def _require_same_version(self, version: str) -> None:
+        own = identity.core_version()
+        if version != own:
+            problem = f"its workers have defocus {version}, but here is {own}"
+            raise InputError(self.address, problem, "install the same defocus on all of them")
 
 
-def do(jobs: list[dict[str, Any]], threads: int) -> list[Result]:
-    """Do jobs of one picture, on a worker."""
+def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """Do jobs of one picture, on a worker; what became of them, and by which version."""
     reader, results = work.Reader(), []
     for sent in jobs:
         job = typed(Job, sent)
@@ -119,7 +133,7 @@ def do(jobs: list[dict[str, Any]], threads: int) -> list[Result]:
         computed = ready.result or work.compute(ready)
         result = work.write(computed) if isinstance(computed, work.Computed) else computed
         results.append({key: value for key, value in result.items() if key != "error"})
-    return results
+    return {"version": identity.core_version(), "results": results}
 
 
 def _absolute(job: Job) -> Job:
@@ -135,10 +149,4 @@ def _absolute_picture(picture: Picture) -> Picture:
     hidden = picture.hidden and _absolute_picture(picture.hidden)
     return replace(
         picture, color=picture.color.absolute(), depth=picture.depth.absolute(), hidden=hidden
-    )
-
-
-def _death(job: Job, error: BaseException) -> str:
-    return (
-        f"{job.picture.color}: its Dask workers died: {type(error).__name__}; see if it is damaged"
     )

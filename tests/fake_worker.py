@@ -9,7 +9,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from defocus_cli.identity import core_version
 from defocus_cli.job import Job
+from defocus_cli.plain import typed
 from defocus_cli.worker import READY
 
 
@@ -39,3 +41,19 @@ def serve(connection: Connection) -> None:
 def serve_nobody(connection: Connection) -> None:
     """Die before any work."""
     os._exit(7)
+
+
+def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """What a Dask worker does."""
+    results = [result_of(typed(Job, job)) for job in jobs]
+    return {"version": core_version(), "results": results}
+
+
+def do_in_another_version(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """What a Dask worker does that has not been updated."""
+    return {**do(jobs, threads), "version": "0.0.1"}
+
+
+def cannot_do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """What a Dask worker does that lacks something."""
+    raise ModuleNotFoundError("No module named 'torch'")

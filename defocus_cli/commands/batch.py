@@ -91,7 +91,7 @@ def command(
         limit=limit,
         fail_fast=not keep_going,
         read_inputs=check_inputs == "hash",
-        spread=crew.count,
+        spread=crew.spread,
     )
     if dry_run:
         plan = make_plan(jobs, out, how)

@@ -55,6 +55,6 @@ def command(
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         report.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")
-    how = How(crew.execute(), again=True, spread=crew.count)
+    how = How(crew.execute(), again=True, spread=crew.spread)
     jobs = computed_by(jobs, crew.machine)
     carry_out(jobs, out, how, shards_size, as_json=as_json, verbose=verbose)
