@@ -67,7 +67,8 @@ class _Submitted:
         self.address = client.scheduler.address
         self.threads = threads
         self.flight: dict[Any, Chunk] = {}
-        self.again: list[Chunk] = []
+        self.suspects: Chunk = []  # jobs to do when nothing else is done
+        self.alone = False
 
     def run(self) -> None:
         """Do all jobs, or until stopped."""
@@ -87,11 +88,14 @@ class _Submitted:
     def _submit(self, completed: Any) -> None:
         room = AT_ONCE * max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
         while len(self.flight) < room and not self.stopped():
-            chunk = self.again.pop() if self.again else next(self.chunks, None)
+            chunk = next(self.chunks, None)
+            if chunk is None and self.suspects and not self.flight:
+                chunk, room, self.alone = [self.suspects.pop()], 1, True
             if chunk is None:
                 return
             number, job = chunk[0]
-            key = f"{job.sample_id}-{identity.recipe(job)}-{number}-{len(chunk)}"
+            alone = "-alone" if self.alone else ""  # what failed under a name keeps it
+            key = f"{job.sample_id}-{identity.recipe(job)}-{number}-{len(chunk)}{alone}"
             sent = [plain(_absolute(job)) for _, job in chunk]
             future = self.client.submit(do, sent, self.threads or 1, key=key, pure=False)
             self.flight[future] = chunk
@@ -108,8 +112,8 @@ class _Submitted:
         elif type(error).__name__ != "KilledWorker":
             problem = f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
             raise InputError(self.address, problem, "install the same defocus on all of them")
-        elif len(chunk) > 1:  # one of them kills workers: see which
-            self.again += [[numbered] for numbered in chunk]
+        elif not self.alone:  # Dask blames all that waited for a worker, too: see which it was
+            self.suspects += chunk
         else:
             number, job = chunk[0]
             problem = f"{job.picture.color}: several Dask workers that worked on it died"
