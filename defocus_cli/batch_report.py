@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from defocus_cli import report
+from defocus_cli import report, stats_table
 from defocus_cli.batch import Summary
 from defocus_cli.errors import Interrupted, SomeFailed
 from defocus_cli.files import spoken
@@ -27,11 +27,14 @@ class Told:
         each: say a line for each job that is done; else only for those that are not.
         keep: remember what to say of each job in JSON.
         verbose: say more.
+        stats: say what was computed and what was skipped.
     """
 
-    def __init__(self, *, each: bool, keep: bool = False, verbose: bool = False) -> None:
+    def __init__(
+        self, *, each: bool, keep: bool = False, verbose: bool = False, stats: bool = False
+    ) -> None:
         self.records: dict[str, dict[str, Any]] = {}
-        self._each, self._keep, self._verbose = each, keep, verbose
+        self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
         self._bar: Any = None
 
     def planned(self, plan: Plan) -> None:
@@ -56,6 +59,8 @@ class Told:
         if self._keep:
             self.records[job.sample_id] = report.outcome_record(job, record, result)
         lines = list(report.outcome_lines(job, record, result, verbose=self._verbose))
+        if self._stats and record["status"] == "ok":
+            lines += stats_table.lines(result["stats"])
         for line in lines if self._each or record["status"] != "ok" else lines[1:]:
             report.say(line)
         if self._bar is not None:

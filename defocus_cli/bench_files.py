@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,19 +44,28 @@ class Files:
                 raise InputError(path, "cannot be written", "name a file elsewhere")
 
     def write(self, rows: Sequence[Row], settings: dict[str, Any]) -> None:
-        """Write what is wanted.
+        """Write what is wanted of errors and times.
+
+        Raises:
+            InputError: a file cannot be written.
+        """
+        document = {**settings, "rows": [record(row) for row in rows]}
+        document |= {"means": means(rows), "regressions": regressions(rows)}
+        self.write_tables(document, lambda: csv_text(rows))
+        if self.plot is not None:
+            bench_plot.draw(self.plot, rows)
+
+    def write_tables(self, document: dict[str, Any], csv: Callable[[], str]) -> None:
+        """Write the document as JSON, and rows as CSV, where they are wanted.
 
         Raises:
             InputError: a file cannot be written.
         """
         if self.json is not None:
-            document = {"defocus": version(), **settings, "rows": [record(row) for row in rows]}
-            document |= {"means": means(rows), "regressions": regressions(rows)}
-            _write(self.json, json.dumps(document, indent=1, allow_nan=False) + "\n")
+            text = json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False)
+            _write(self.json, text + "\n")
         if self.csv is not None:
-            _write(self.csv, csv_text(rows))
-        if self.plot is not None:
-            bench_plot.draw(self.plot, rows)
+            _write(self.csv, csv())
 
 
 def _write(path: Path, text: str) -> None:

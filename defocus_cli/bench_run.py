@@ -5,15 +5,13 @@ Methods are the qualities of the renderer and the baselines it has to beat.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
 
+from defocus_cli import memory
 from defocus_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,9 +70,9 @@ def measure_shot(
         unit = fft_unit(sharp, threads)
         for method in methods:
             work = _work(method, shot, sharp, radius, threads)
-            _reset_peak()
+            memory.reset_peak(device)
             picture, seconds = timed(work, repeat)
-            peak = _peak_mb()
+            peak = memory.peak_mb(device)
             errors = metrics.measure(
                 picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
             )
@@ -119,6 +117,13 @@ def fft_unit(image: Tensor, threads: int) -> float:
     Threads share the channels, as they share the tiles of a picture. Those of torch would wait for
     one another wherever a core has other work.
     """
+    round_trip = transform(image, threads)
+    timed(round_trip, 1)  # plans are made once
+    return timed(round_trip, _PROBES)[1]
+
+
+def transform(image: Tensor, threads: int) -> Callable[[], Tensor]:
+    """What makes the transform there and back whose time is the unit."""
     import torch
 
     from defocus_core.threads import threaded
@@ -134,8 +139,7 @@ def fft_unit(image: Tensor, threads: int) -> float:
     def round_trip() -> Tensor:
         return list(threaded(there_and_back, frame.unbind(), threads))[-1]
 
-    timed(round_trip, 1)  # plans are made once
-    return timed(round_trip, _PROBES)[1]
+    return round_trip
 
 
 def timed(work: Callable[[], Tensor], repeat: int) -> tuple[Tensor, float]:
@@ -150,21 +154,3 @@ def timed(work: Callable[[], Tensor], repeat: int) -> tuple[Tensor, float]:
             torch.cuda.synchronize()
         seconds.append(time.perf_counter() - start)
     return result, median(seconds)
-
-
-def _reset_peak() -> None:
-    """Let the peak of memory begin anew, where the system can."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def _peak_mb() -> float | None:
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    with suppress(OSError, ValueError, IndexError):  # Linux: can be reset
-        status = Path("/proc/self/status").read_text()
-        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 1024)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.errors import InputError, UsageProblem
+from defocus_cli.errors import InputError, TooLarge, UsageProblem
 from defocus_cli.focusing import focused, signed_radius
 from defocus_cli.job import IMAGE_KINDS, RENDERED_KINDS, Job, Lens, Picture, Reading
 
@@ -65,17 +65,17 @@ class Made:
     images: Mapping[str, NDArray[np.float32]]
 
 
-def read(picture: Picture, reading: Reading, *, hidden: bool) -> Loaded:
+def load_inputs(picture: Picture, reading: Reading, *, hidden: bool) -> Loaded:
     """Decode a picture, and what lies behind it if ``hidden`` is wanted and there.
 
     Raises:
         InputError: an input cannot be used.
         UsageProblem: the options make no sense for it.
     """
-    color, depth = _read(picture, reading)
+    color, depth = read(picture, reading)
     if picture.hidden is None or not hidden:
         return Loaded(color, depth)
-    behind, behind_depth = _read(picture.hidden, reading)
+    behind, behind_depth = read(picture.hidden, reading)
     if behind.pixels.shape != color.pixels.shape:
         told, wanted = (
             f"{width}x{height} px of {channels} channels"
@@ -199,7 +199,12 @@ def _known(
     return behind.pixels, signed_radius(lens, depth.metres, (width, height)), known
 
 
-def _read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
+def read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
+    """Colour and depth of one size, all of whose pixels can be rendered.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
     from defocus_cli.depth import read_depth, require_valid
     from defocus_cli.images import read_color, require_finite
 
@@ -237,6 +242,7 @@ def _render(
     """The images [H, W, C] and trust [H, W] asked for, and the outcome with what they cost."""
     import torch
 
+    from defocus_cli.forecast import refuse_too_large
     from defocus_core import Aperture, HiddenLayer, render
 
     job, device = outcome.job, outcome.device
@@ -244,6 +250,7 @@ def _render(
     torch.set_num_threads(1)
     image = torch.from_numpy(color.pixels.transpose(2, 0, 1).copy()).to(device)  # [C, H, W]
     signed = torch.from_numpy(radius).to(device)
+    refuse_too_large(job, outcome.lens, image, signed, device=device)
     hidden = None
     if known is not None:
         behind, *rest = (torch.from_numpy(x).to(device) for x in known)
@@ -263,7 +270,7 @@ def _render(
         )
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
-        raise InputError(job.picture.color, problem, "use --device cpu") from None
+        raise TooLarge(job.picture.color, problem, "use --device cpu") from None
     if device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu

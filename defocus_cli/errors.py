@@ -53,6 +53,10 @@ class InputError(UserError):
     exit_code = 3
 
 
+class TooLarge(InputError):  # noqa: N818 - it is said of a file
+    """A picture does not fit into memory."""
+
+
 class Interrupted(click.ClickException):
     """The user pressed Ctrl-C; exit code 130."""
 

@@ -94,6 +94,31 @@ class Names(click.ParamType[tuple[str, ...]]):
         return names
 
 
+class Listed(click.ParamType[tuple[Any, ...]]):
+    """Values separated by commas, each once; `parse` raises ValueError for what is none."""
+
+    def __init__(self, parse: Callable[[str], Any], name: str, example: str) -> None:
+        self.parse = parse
+        self.name = name
+        self.example = example
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[Any, ...]:
+        """Split and parse."""
+        if not isinstance(value, str):
+            return tuple(value)
+        found = []
+        for word in value.split(","):
+            try:
+                found.append(self.parse(word.strip()))
+            except ValueError:
+                problem = f"'{word.strip()}' is no {self.name}"
+                remedy = f"write like {self.example}"
+                raise UsageProblem(option_name(param), problem, remedy) from None
+        return tuple(dict.fromkeys(found))
+
+
 class Format(click.Choice[str]):
     """Type of the images; the long and short spellings of a suffix are the same."""
 

@@ -223,6 +223,12 @@ def verbose_option(command: Command) -> Command:
     return _option("Options", "-v", "--verbose", is_flag=True, help=text)(command)
 
 
+def stats_option(command: Command) -> Command:
+    """Hand a command ``stats``."""
+    text = "Say what was computed and what was skipped, on stderr; --json always tells it."
+    return _option("Options", "--stats", is_flag=True, help=text)(command)
+
+
 _LENS_HELP = {
     "focal-length": ("LENGTH", "Focal length, like 50mm."),
     "fnumber": ("N", "F-number, like 1.4."),

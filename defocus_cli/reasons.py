@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 from typing import Literal, NamedTuple
 
-from defocus_cli.errors import InputError, UsageProblem, UserError, one_line, reason
+from defocus_cli.errors import InputError, TooLarge, UsageProblem, UserError, one_line, reason
 from defocus_cli.focusing import Rejected
 
 REJECTIONS = {
@@ -60,7 +60,7 @@ def _failure(error: BaseException, step: Step) -> str:
     system = error if isinstance(error, OSError) else error.__cause__
     if isinstance(system, OSError) and system.errno in _FULL:
         return "no-space"
-    if isinstance(error, MemoryError) or "OutOfMemory" in type(error.__context__).__name__:
+    if isinstance(error, TooLarge | MemoryError) or "can't allocate memory" in str(error):
         return "out-of-memory"
     if isinstance(error, UsageProblem):
         return "settings-unusable"

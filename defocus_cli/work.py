@@ -65,7 +65,9 @@ class Reader:
             for role, path in identity.sources(job.picture).items():
                 with suppress(OSError):  # the decoder says it better
                     stamps[role] = identity.stamp(path)
-            loaded = engine.read(job.picture, job.reading, hidden=engine.needs_hidden(job))
+            loaded = engine.load_inputs(
+                job.picture, job.reading, hidden=engine.needs_hidden(job)
+            )
         except Exception as error:
             return Ready(job, None, stamps, 0.0, failure(error, "read", stamps))
         ready = Ready(job, loaded, stamps, time.perf_counter() - start)

@@ -206,7 +206,18 @@ class Region:
             for rung in rungs
         ]
         invented = self._invented.surface.plan if self._invented else []
+        copied = [
+            tile.height * tile.width
+            for i, tile in enumerate(self._tiles)
+            if not any(
+                windows[rung * stride].margin
+                for surface, stride in sliced
+                for rung in surface.plan[i]
+            )
+        ]
         return {
+            "pixels": sum(tile.height * tile.width for tile in self._tiles),
+            "pixels_copied": sum(copied),
             "tiles": tiles,
             "slice_tiles": 2 * len(windows) * tiles,
             "slice_tiles_done": len(work),

@@ -17,16 +17,16 @@ CLI = sorted((ROOT / "defocus_cli").rglob("*.py"))
 LAYERS = [
     {"__init__"},
     {"random_lens"},
-    {"lens", "verification"},
+    {"lens", "planning", "verification"},
     {"checks"},
     {"render"},
     {"assembly"},
-    {"baselines", "region"},
+    {"baselines", "presence", "region"},
     {"blur", "frame"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop"},
     {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
-    {"aperture", "metrics", "probes", "quality", "slopes", "threads", "tiling"},
+    {"aperture", "metrics", "probes", "quality", "scenery", "slopes", "threads", "tiling"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

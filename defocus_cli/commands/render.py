@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import click
 
-from defocus_cli import batch, batch_report, here, options, report
+from defocus_cli import batch, batch_report, dry_runs, here, options, report
 from defocus_cli.job import (
     Job,
     Lens,
@@ -35,7 +36,12 @@ from defocus_cli.plan import make_plan
 @options.check_inputs_option
 @options.json_option
 @options.verbose_option
-@click.option("--dry-run", is_flag=True, help="Say what would be read and written, and stop.")
+@options.stats_option
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Say what would be read and written, how long it takes and in how much memory, and stop.",
+)
 def command(
     color: Path,
     depth: Path | None,
@@ -47,6 +53,7 @@ def command(
     check_inputs: str,
     as_json: bool,
     verbose: bool,
+    stats: bool,
     dry_run: bool,
 ) -> None:
     """Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
@@ -66,44 +73,32 @@ def command(
       disparity     dual-pixel disparity in px, signed alike
       trust         share of the lens that saw what the picture holds: 1 is nothing invented
 
+    --dry-run opens the inputs and renders nothing. What it says of time goes by a measurement of
+    this machine, made once and kept.
+
     \b
     Examples:
       defocus render rgb.exr depth.exr -o out --focal-length 50mm --fnumber 1.4 --focus 2m
       defocus render photo.jpg depth_mm.png -o out --lens 50mm.toml --focus-at 640,360 --format png
       defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
       defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
+      defocus render frames/ depths/ -o out --lens 50mm.toml --dry-run
     """  # noqa: D301  click reads the backspace
     pictures = with_hidden(find_pictures(color, depth), color, hidden)
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
+    how = functools.partial(batch.How, read_inputs=check_inputs == "hash")
     if dry_run:
-        records = _plan(jobs, check_inputs == "hash", as_json)
-        if as_json:
-            report.print_json(dry_run=True, pictures=records)
+        dry_runs.tell(jobs, make_plan(jobs, outputs.root, how(here.execute)), as_json=as_json)
         return
-    told = batch_report.Told(each=True, keep=as_json, verbose=verbose)
-    summary = _run(jobs, outputs.root, check_inputs == "hash", told)
+    told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
+    if len(jobs) > 1:
+        with told.bar("picture"):
+            summary = batch.carry_out(jobs, outputs.root, how(here.execute), told)
+    else:
+        with batch_report.tile_bar() as tile_count:
+            alone = here.execute_alone(tile_count)
+            summary = batch.carry_out(jobs, outputs.root, how(alone), told)
     if as_json:
         records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
         report.print_json(dry_run=False, pictures=records)
     batch_report.end(summary)
-
-
-def _plan(jobs: list[Job], read_inputs: bool, as_json: bool) -> list[dict[str, object]]:
-    how = batch.How(here.execute, read_inputs=read_inputs)
-    plan = make_plan(jobs, jobs[0].outputs.root, how)
-    done = {job for job, _ in plan.settled}
-    for job in jobs if not as_json else ():
-        click.echo(report.done_before_line(job) if job in done else report.plan_line(job))
-    return [{**report.plan_record(job), "done_before": job in done} for job in jobs]
-
-
-def _run(
-    jobs: list[Job], out: Path, read_inputs: bool, told: batch_report.Told
-) -> batch.Summary:
-    if len(jobs) > 1:
-        with told.bar("picture"):
-            how = batch.How(here.execute, read_inputs=read_inputs)
-            return batch.carry_out(jobs, out, how, told)
-    with batch_report.tile_bar() as tile_count:
-        how = batch.How(here.execute_alone(tile_count), read_inputs=read_inputs)
-        return batch.carry_out(jobs, out, how, told)

@@ -1,0 +1,42 @@
+"""Least squares with coefficients that cannot be negative, for a handful of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+_ROUNDS = 20_000
+_STILL = 1e-9
+
+
+def nonnegative(rows: Sequence[Sequence[float]], goals: Sequence[float]) -> list[float]:
+    """The x >= 0 that brings rows · x nearest to the goals, by relative error.
+
+    Coordinate descent on the normal equations; a column of zeros has the coefficient 0.
+
+    Args:
+        rows: One for each goal, of one length.
+        goals: All positive.
+    """
+    shares = [[value / goal for value in row] for row, goal in zip(rows, goals, strict=True)]
+    columns = list(zip(*shares, strict=True))
+    scales = [sum(value * value for value in column) ** 0.5 for column in columns]
+    unit = [
+        [value / scale for value in column] if scale else list(column)
+        for column, scale in zip(columns, scales, strict=True)
+    ]
+    products = [[_dot(one, other) for other in unit] for one in unit]
+    wanted = [sum(column) for column in unit]
+    x = [0.0] * len(unit)
+    for _ in range(_ROUNDS):
+        moved = 0.0
+        for i, row in enumerate(products):
+            if scales[i]:
+                found = max(0.0, x[i] + (wanted[i] - _dot(row, x)))
+                moved, x[i] = max(moved, abs(found - x[i])), found
+        if moved < _STILL:
+            break
+    return [value / scale if scale else 0.0 for value, scale in zip(x, scales, strict=True)]
+
+
+def _dot(one: Sequence[float], other: Sequence[float]) -> float:
+    return sum(a * b for a, b in zip(one, other, strict=True))

@@ -1,0 +1,91 @@
+"""What this process holds of memory, what it held at most, and what it may still take. In MB."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+MB = 2**20
+_STATUS = Path("/proc/self/status")
+_MEMINFO = Path("/proc/meminfo")
+# Limit and use of the group of processes that a container is, of either generation of Linux.
+_GROUPS = (
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    (
+        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
+        "/sys/fs/cgroup/memory/memory.usage_in_bytes",
+    ),
+)
+
+
+def reset_peak(device: str = "cpu") -> None:
+    """Let the peak begin anew, where the system can; what is free goes back to it before."""
+    if device == "cuda":
+        import torch
+
+        torch.cuda.reset_peak_memory_stats()
+        return
+    _trim()
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_mb(device: str = "cpu") -> float | None:
+    """Most that the process held since the reset, or ever where there is none; None if unknown.
+
+    On a GPU it is the most that tensors held there.
+    """
+    if device == "cuda":
+        import torch
+
+        return torch.cuda.max_memory_allocated() / MB
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    with suppress(OSError, ValueError, IndexError):  # Linux: can be reset
+        return _entry(_STATUS, "VmHWM:")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (MB if sys.platform == "darwin" else 1024)
+
+
+def held_mb(device: str = "cpu") -> float:
+    """What is held now; 0 where no system tells."""
+    if device == "cuda":
+        import torch
+
+        return torch.cuda.memory_allocated() / MB
+    with suppress(OSError, ValueError, IndexError):
+        return _entry(_STATUS, "VmRSS:")
+    return 0.0
+
+
+def available_mb(device: str = "cpu") -> float | None:
+    """What can still be taken without swapping or being killed; None where no system tells."""
+    if device == "cuda":
+        import torch
+
+        return torch.cuda.mem_get_info()[0] / MB
+    found = []
+    with suppress(OSError, ValueError, IndexError):
+        found.append(_entry(_MEMINFO, "MemAvailable:"))
+    for limit, used in _GROUPS:
+        with suppress(OSError, ValueError):  # "max" is no number: no limit
+            found.append((int(Path(limit).read_text()) - int(Path(used).read_text())) / MB)
+    return max(min(found), 0.0) if found else None
+
+
+def _entry(file: Path, name: str) -> float:
+    """A line like ``VmRSS: 123 kB`` in MB."""
+    return int(file.read_text().partition(name)[2].split()[0]) / 1024
+
+
+def _trim() -> None:
+    """Hand back what the allocator of glibc keeps for later; others are left alone."""
+    if not sys.platform.startswith("linux"):
+        return
+    import ctypes
+
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -1,0 +1,197 @@
+"""What rendering a picture will take, counted without rendering it.
+
+A plan follows the renderer's own rules, on every pixel of a small frame and on a sample of a large
+one: which slices there are, which tiles they reach, through which windows, what lies hidden, which
+pixels are lights. Its loads are proportional to time, its bytes to memory; how much of each there
+is to a load differs from machine to machine and is for the caller to measure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from defocus_core.aperture import Aperture
+from defocus_core.frame import Frame, frame_of
+from defocus_core.presence import Presence
+from defocus_core.quality import find
+from defocus_core.tiling import Grid, regions
+from defocus_core.windows import Window
+
+# Loads of the tiles of a region, and of a region as a whole; what remains is the frame's.
+TILE_LOADS = ("calls", "forward", "products", "inverse")
+REGION_LOADS = ("regions", "around", "hidden", "edges", "lights")
+LOADS = ("frame", "pixels", "kernels", *REGION_LOADS, *TILE_LOADS)
+# Bytes of the frame and the spectra of kernels, of each region, and of each tile in work.
+BYTES = ("pixels", "spectra", "region", "tile")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Counts, as `Rendering.stats` has them, and what they amount to.
+
+    Attributes:
+        slices: Of the ladder.
+        tiles: Of the frame.
+        regions: That its tiles are put into.
+        slice_tiles: What a renderer that skips nothing would do.
+        slice_tiles_done: What is done.
+        tiles_with_hidden: Tiles behind whose surface something is invented.
+        loads: By the names in `LOADS`.
+        bytes: By the names in `BYTES`; those of one region and of one tile are the most of any.
+    """
+
+    slices: int
+    tiles: int
+    regions: int
+    slice_tiles: int
+    slice_tiles_done: int
+    tiles_with_hidden: int
+    loads: dict[str, float]
+    bytes: dict[str, float]
+
+
+def plan(
+    signed_radius: Tensor,
+    *,
+    image: Tensor | None = None,
+    channels: int = 3,
+    aperture: Aperture | None = None,
+    quality: str = "standard",
+    left_right: bool = False,
+) -> Plan:
+    """Count what `render` would do.
+
+    Args:
+        signed_radius: [H, W] px, finite.
+        image: [C, H, W], linear light; None if it is not known: then it has no lights.
+        channels: C, if there is no image.
+        aperture: The pupil, a round one by default.
+        quality: As for `render`.
+        left_right: As for `render`.
+
+    Raises:
+        ValueError: If the quality is unknown or the frame is not [H, W].
+    """
+    if signed_radius.dim() != 2 or not signed_radius.numel():
+        raise ValueError(f"signed_radius must be [H, W], got {tuple(signed_radius.shape)}")
+    if image is None:
+        image = torch.zeros((1, 1, 1), device=signed_radius.device)
+        image = image.expand(channels, *signed_radius.shape)
+    frame = frame_of(
+        image.detach(),
+        signed_radius.detach(),
+        aperture=aperture or Aperture(),
+        quality=find(quality),
+        left_right=left_right,
+        num_layers=None,
+        psf_ks=None,
+        hidden=None,
+    )
+    scene = Presence(frame, signed_radius.detach())
+    work = _Work(scene)
+    grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    around = [
+        _area(grid, frame.margin, frame) + _area(grid, frame.farthest, frame) for grid in grids
+    ]
+    pixels, parts, size = signed_radius.numel(), len(frame.parts), 8 if frame.double else 4
+    samples = (len(image) + 1) * size / 4
+    discs = _discs(frame, image, signed_radius, grids, scene.visible)
+    repeated = sum(around) / (2 * pixels)
+    loads = {
+        "frame": 1.0,
+        "pixels": pixels * samples,
+        "kernels": work.kernels * parts,
+        "regions": float(len(grids)),
+        "around": sum(around) * samples,
+        "hidden": scene.continued * repeated * samples,
+        "edges": scene.edges * repeated,
+        "lights": discs,
+        "calls": work.calls,
+        "forward": work.forward * samples,
+        "products": work.products * samples * parts,
+        "inverse": work.inverse * samples * parts,
+    }
+    held = {
+        "pixels": 4 * pixels * samples * (3 if left_right else 1),
+        "spectra": work.spectra * parts * 2 * size,
+        "region": 4 * max(around) * samples * (1 + bool(discs)),
+        "tile": 4 * work.widest * samples,
+    }
+    return Plan(
+        slices=len(frame.radii),
+        tiles=len(frame.grid.tiles),
+        regions=len(grids),
+        slice_tiles=2 * len(frame.radii) * len(frame.grid.tiles),
+        slice_tiles_done=sum(map(len, [*scene.visible, *scene.hidden])),
+        tiles_with_hidden=sum(1 for some in scene.hidden if some),
+        loads=loads,
+        bytes=held,
+    )
+
+
+class _Work:
+    """What the slices of a scene amount to: samples of transforms, counts of calls."""
+
+    def __init__(self, scene: Presence) -> None:
+        frame, windows = scene.frame, scene.frame.windows
+        self.calls = self.forward = self.products = self.inverse = self.widest = 0.0
+        for visible, tilted, hidden in zip(scene.visible, scene.tilted, scene.hidden, strict=True):
+            leaning = set(tilted)
+            for rungs, together in ((visible, False), (hidden, True)):
+                for window, some in _by_window(windows, rungs):
+                    area = window.size[0] * window.size[1]
+                    lean = 0 if together else len(leaning.intersection(some))
+                    results = 1 if together else len({frame.layers[k] for k in some})
+                    terms = len(some) + 2 * lean
+                    self.calls += terms + results
+                    if window.margin == 0:  # copied
+                        continue
+                    self.forward += terms * area * math.log2(area)
+                    self.products += terms * area
+                    self.inverse += results * area * math.log2(area)
+                    self.widest = max(self.widest, (terms + results * len(frame.parts)) * area)
+        kinds = 3 if any(scene.tilted) else 1
+        areas = [w.size[0] * w.size[1] for w in windows if w.margin]
+        self.spectra = kinds * sum(areas) / 2
+        self.kernels = kinds * sum(area * math.log2(area) for area in areas)
+
+
+def _by_window(windows: list[Window], rungs: list[int]) -> Iterator[tuple[Window, list[int]]]:
+    """The rungs that share each window."""
+    found: dict[int, list[int]] = {}
+    for k in rungs:
+        found.setdefault(id(windows[k]), []).append(k)
+    for some in found.values():
+        yield windows[some[0]], some
+
+
+def _discs(
+    frame: Frame, image: Tensor, radius: Tensor, grids: list[Grid], visible: list[list[int]]
+) -> float:
+    """Samples of the discs of lights, as often as regions, parts and nearer slices ask for them."""
+    at = torch.nonzero(image.detach().amax(0) > frame.limit)
+    if not len(at):
+        return 0.0
+    r = radius.detach()[at[:, 0], at[:, 1]]
+    spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
+    present = sorted({k for some in visible for k in some})
+    nearer = r.new_tensor([frame.radii[k] for k in present]) < r[:, None] - 1.5
+    samples = (2 * spread + 1) ** 2 * (nearer.sum(1) + len(frame.parts))
+    total = 0.0
+    for grid in grids:
+        first = at.new_tensor(grid.box[:2])
+        last = first + at.new_tensor(grid.box[2:]) - 1
+        far = torch.maximum(first - at, at - last).amax(1)
+        total += float(samples[far <= spread].sum())
+    return total
+
+
+def _area(grid: Grid, margin: int, frame: Frame) -> float:
+    """Pixels of a region with a margin."""
+    box = grid.box.grown(margin, frame.box)
+    return float(box.height * box.width)

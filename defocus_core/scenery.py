@@ -1,0 +1,135 @@
+"""Scenes made to be timed: each kind asks for another sort of work, at any size and radius.
+
+They are pictures with the signed CoC radius in px of each pixel, float32 on the CPU, and the same
+whenever they are made. What a kind shows does not change with its size: it is drawn in shares of
+the frame, so that times at two sizes can be compared; only lights grow in number, not in size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+# Px per light, and how much brighter than white it is.
+_PIXELS_PER_LIGHT = 4000
+_LIGHT = 200.0
+# What lies as sharp as this anywhere counts as in focus.
+_IN_FOCUS = 0.3
+# Width of a wire as a share of the frame's, and the least in px.
+_WIRE, _LEAST_WIRE = 1 / 160, 3
+
+
+class Scenery(NamedTuple):
+    """A picture [3, H, W], linear light, and the signed radius [H, W] px of its pixels."""
+
+    image: Tensor
+    signed_radius: Tensor
+
+
+def scenery(kind: str, height: int, width: int, radius: float) -> Scenery:
+    """The scene of a kind, blurred by `radius` px at most.
+
+    Args:
+        kind: One of `KINDS`.
+        height: Of the frame in px.
+        width: Of the frame in px.
+        radius: The greatest |r| in px; a frame all in focus has none.
+
+    Raises:
+        ValueError: If there is no such kind, the frame is empty, or the radius is negative.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    if min(height, width) < 1 or not 0 <= radius < math.inf:
+        raise ValueError(f"a frame and a radius >= 0 are wanted, got {width}x{height}, {radius}")
+    y = (torch.arange(height) + 0.5)[:, None] / height
+    x = (torch.arange(width) + 0.5)[None, :] / width
+    signed_radius = KINDS[kind](x, y, radius).expand(height, width)
+    image = _texture(height, width)
+    if kind == "lights":
+        image = _lit(0.2 * image)
+    return Scenery(image, signed_radius.contiguous())
+
+
+def _focus(x: Tensor, y: Tensor, r: float) -> Tensor:
+    """A whole frame in focus: a floor that never leaves the depth of field."""
+    return _IN_FOCUS * (1 - 2 * y) + 0 * x
+
+
+def _plane(x: Tensor, y: Tensor, r: float) -> Tensor:
+    """One plane out of focus."""
+    return torch.full_like(x * y, r)
+
+
+def _floor(x: Tensor, y: Tensor, r: float) -> Tensor:
+    """A floor through the focus: disparity, and so r, is linear in y."""
+    return r * (1 - 2 * y) + 0 * x
+
+
+def _cards(x: Tensor, y: Tensor, r: float) -> Tensor:
+    """Cards that overlap each other before a background, on both sides of the focus."""
+    found = torch.full_like(x * y, r)
+    for k in range(10):  # from the farthest to the nearest
+        across, down = (0.13 + 0.618 * k) % 0.85, (0.07 + 0.371 * k) % 0.75
+        on_card = (x > across) & (x < across + 0.22) & (y > down) & (y < down + 0.35)
+        found = torch.where(on_card, r * (0.8 - 0.2 * k), found)
+    return found
+
+
+def _thin(x: Tensor, y: Tensor, r: float) -> Tensor:
+    """Wires close to the lens before a floor that recedes from the focus."""
+    return torch.where(_wires(x, y), -r, r * (1 - y))
+
+
+def _lights(x: Tensor, y: Tensor, r: float) -> Tensor:
+    """Lights far away, behind wires in focus."""
+    return torch.where(_wires(x, y), 0.0, r)
+
+
+def _most(x: Tensor, y: Tensor, r: float) -> Tensor:
+    """Four fifths of the frame in focus; above them the ground recedes out of it."""
+    return r * (1 - 5 * y).clamp(min=0) + 0 * x
+
+
+def _wires(x: Tensor, y: Tensor) -> Tensor:
+    """[H, W] bool: a fence of upright and of level wires."""
+    width = x.shape[1]
+    thick = max(_LEAST_WIRE, round(width * _WIRE)) / width
+    rows = y.shape[0]
+    tall = max(_LEAST_WIRE, round(width * _WIRE)) / rows
+    return ((x * 8) % 1 < 8 * thick) | ((y * 4) % 1 < 4 * tall)
+
+
+# What the names mean, for tables and help.
+KINDS: dict[str, Callable[[Tensor, Tensor, float], Tensor]] = {
+    "focus": _focus,
+    "plane": _plane,
+    "floor": _floor,
+    "cards": _cards,
+    "thin": _thin,
+    "lights": _lights,
+    "most": _most,
+}
+
+
+def _texture(height: int, width: int) -> Tensor:
+    """Waves of colour with fine grain in [0.05, 0.95]: [3, H, W]."""
+    y, x = torch.arange(height)[:, None] / width, torch.arange(width) / width
+    turns = torch.stack([29 * x + 9 * y, 31 * y - 12 * x, 21 * (x + y)])
+    grain = torch.rand((1, height, width), generator=torch.Generator().manual_seed(0))
+    return 0.5 + 0.3 * torch.sin(2 * math.pi * turns) + 0.3 * (grain - 0.5)
+
+
+def _lit(image: Tensor) -> Tensor:
+    """A picture [3, H, W] with lights of a pixel each, as many as fit its size."""
+    height, width = image.shape[1:]
+    count = max(1, height * width // _PIXELS_PER_LIGHT)
+    generator = torch.Generator().manual_seed(1)
+    at = torch.randint(height * width, (count,), generator=generator)
+    image = image.clone()
+    image.flatten(1)[:, at] = _LIGHT
+    return image

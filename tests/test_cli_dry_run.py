@@ -1,0 +1,201 @@
+"""``defocus render --dry-run``: what rendering would read, write and take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from command_line import (
+    LENS,
+    color_exr,
+    depth_exr,
+    files_under,
+    pair,
+    ramp,
+    refused,
+    render,
+    run,
+    texture,
+)
+
+from defocus_cli import calibration, engine, forecast, memory
+from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_core.tiling import TILE
+
+
+def test_a_dry_run_says_what_it_would_do_and_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "run", None)
+    color, depth = pair(tmp_path)
+    ran = render(color, depth, "-o", tmp_path / "out", "--dry-run", "--outputs", "coc,render")
+    assert (ran.code, ran.err) == (0, "")
+    assert str(color) in ran.out
+    assert str(depth) in ran.out
+    assert "out/{coc,render}/a.exr" in ran.out
+    assert "24x16, CoC " in ran.out
+    planned = render(color, depth, "-o", tmp_path / "out", "--dry-run", "--json").json
+    assert planned["dry_run"]
+    assert planned["pictures"][0]["outputs"] == {"render": str(tmp_path / "out/render/a.exr")}
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_work_it_tells_is_the_work_that_is_done(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "c.exr", texture(2 * TILE, TILE))
+    depth = depth_exr(tmp_path / "z.exr", ramp(2 * TILE, TILE))
+    args = (color, depth, "-o", tmp_path / "out", "--json")
+    planned = render(*args, "--dry-run").json
+    (told,) = planned["pictures"]
+    (done,) = render(*args).json["pictures"]
+    expected = told["forecast"]
+    assert expected["coc_px"] == done["coc_px"]
+    assert expected["size"] == done["size"]
+    assert expected["stats"].items() <= done["stats"].items()
+    assert planned["forecast"]["render_seconds"] == expected["render_seconds"] > 0.01
+    assert expected["peak_mb"] > 50
+
+
+def test_more_work_is_told_to_take_longer_and_more_memory(tmp_path: Path) -> None:
+    files = (
+        color_exr(tmp_path / "c.exr", texture(TILE, TILE)),
+        depth_exr(tmp_path / "z.exr", ramp(TILE, TILE)),
+    )
+    args = (*files, "-o", tmp_path / "out", "--dry-run", "--json", "--threads", "1")
+    usual, high, pair_ = (
+        render(*args, *more).json["forecast"]
+        for more in ((), ("--quality", "high"), ("--outputs", "left,right"))
+    )
+    for more in (high, pair_):
+        assert more["render_seconds"] > 1.3 * usual["render_seconds"]
+
+
+def test_maps_alone_take_no_rendering_and_no_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forecast, "calibrated", None)
+    color, depth = pair(tmp_path)
+    ran = render(color, depth, "-o", tmp_path / "out", "--dry-run", "--outputs", "coc,disparity")
+    assert ran.code == 0
+    assert "nothing is rendered" in ran.out
+
+
+def test_of_many_pictures_some_are_read_and_all_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forecast, "MOST_READ", 3)
+    for k in range(7):
+        color, depth = pair(tmp_path, f"{k}")
+    args = (color.parent, depth.parent, "-o", tmp_path / "out", "--dry-run")
+    planned = render(*args, "--json").json
+    read = [k for k, picture in enumerate(planned["pictures"]) if "forecast" in picture]
+    assert read == [0, 3, 6]
+    whole = planned["forecast"]
+    assert (whole["pictures"], whole["pictures_read"]) == (7, 3)
+    each = [planned["pictures"][k]["forecast"]["render_seconds"] for k in read]
+    assert whole["render_seconds"] == pytest.approx(7 / 3 * sum(each))
+    ran = render(*args)
+    assert ran.out.splitlines()[-1].startswith("7 pictures: about ")
+    assert "from 3 of them" in ran.out
+
+
+def test_a_dry_run_finds_what_cannot_be_rendered(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    depth_exr(depth, -ramp())
+    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, str(depth))
+
+
+def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> Job:
+    """A job, on a machine whose memory is 100 MB, that needs so much with some settings."""
+    monkeypatch.setattr(memory, "available_mb", lambda device: 100.0)
+    monkeypatch.setattr(forecast, "_most_mb", lambda image, radius: 1e9)
+
+    def predicted(self: calibration.Calibration, plan: object) -> float:
+        return needed["threads_1"] if self.threads == 1 else needed["usual"]
+
+    monkeypatch.setattr(calibration.Calibration, "predicted_mb", predicted)
+    color, depth = pair(tmp_path)
+    lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
+    return Job(Picture("a", color, depth), lens, Reading(), outputs, Machine(threads=4))
+
+
+@pytest.mark.parametrize(
+    ("needed", "remedy"),
+    [
+        ({"usual": 900.0, "threads_1": 90.0}, "use --threads 1"),
+        ({"usual": 900.0, "threads_1": 800.0}, "smaller picture"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_what_would_help(
+    needed: dict[str, float], remedy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = large(monkeypatch, tmp_path, **needed)
+    with pytest.raises(
+        forecast.InputError, match=f"about 900 MB .* but 100 MB are left; .*{remedy}"
+    ):
+        forecast.refuse_too_large(
+            job, job.lens, torch.rand(3, 8, 8), torch.zeros(8, 8), device="cpu"
+        )
+
+
+def test_a_lower_limit_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job = large(monkeypatch, tmp_path, usual=50.0, threads_1=10.0)
+    monkeypatch.setattr(memory, "held_mb", lambda device: 200.0)
+    frame = (job, job.lens, torch.rand(3, 8, 8), torch.zeros(8, 8))
+    forecast.refuse_too_large(*frame, device="cpu")
+    forecast.refuse_too_large(*frame, device="cpu", limit_mb=270.0)
+    with pytest.raises(forecast.InputError, match="but 30 MB are left; use --threads 1"):
+        forecast.refuse_too_large(*frame, device="cpu", limit_mb=230.0)
+
+
+def test_rendering_refuses_what_does_not_fit_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = large(monkeypatch, tmp_path, usual=900.0, threads_1=90.0)
+    monkeypatch.setattr("defocus_core.render", None)
+    files = (job.picture.color, job.picture.depth)
+    ran = run("render", *LENS, *files, "-o", tmp_path / "out", "--threads", "2")
+    refused(ran, 3, str(job.picture.color), "900 MB", "use --threads 1")
+    assert files_under(tmp_path) == {"rgb/a.exr", "depth/a.exr"}
+
+
+def test_a_frame_that_surely_fits_is_not_planned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forecast, "_planned", None)
+    assert render(*pair(tmp_path), "-o", tmp_path / "out").code == 0
+
+
+@pytest.mark.parametrize("kind", ["plane", "floor", "cards"])
+@pytest.mark.parametrize("r", [2.0, 90.0])
+def test_the_quick_bound_is_above_the_prediction(kind: str, r: float) -> None:
+    from defocus_core.planning import plan
+    from defocus_core.scenery import scenery
+
+    image, radius = scenery(kind, 200, 300, r)
+    for quality in ("draft", "reference"):
+        found = plan(radius, image=image, quality=quality, left_right=True)
+        assert calibration.usual(1).predicted_mb(found) < forecast._most_mb(image, radius)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.04, "0.0 s"),
+        (2.34, "2.3 s"),
+        (42.4, "42 s"),
+        (200.0, "3 min 20 s"),
+        (7500.0, "2 h 5 min"),
+    ],
+)
+def test_durations_are_told_as_people_do(seconds: float, words: str) -> None:
+    assert forecast._duration(seconds) == words
+
+
+def test_sizes_of_pixels_and_depth_are_compared(tmp_path: Path) -> None:
+    color, depth = (
+        color_exr(tmp_path / "c.exr"),
+        depth_exr(tmp_path / "z.exr", np.ones((8, 8), np.float32)),
+    )
+    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, "8x8 px", "24x16")

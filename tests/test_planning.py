@@ -1,0 +1,103 @@
+"""What a plan counts is what the renderer does."""
+
+import pytest
+import torch
+from scenes import RADII, pattern
+from torch import Tensor
+
+from defocus_core import Aperture, presence, render
+from defocus_core.aperture import parts
+from defocus_core.planning import BYTES, LOADS, Plan, plan
+from defocus_core.quality import find
+from defocus_core.scenery import KINDS, scenery
+
+COUNTS = ("slices", "tiles", "slice_tiles", "slice_tiles_done", "tiles_with_hidden")
+SIZE = (200, 300)
+
+
+def counts(found: Plan) -> dict[str, int]:
+    return {name: getattr(found, name) for name in COUNTS}
+
+
+def done(image: Tensor, radius: Tensor, quality: str = "standard") -> dict[str, int]:
+    stats = render(image, radius, quality=quality).stats
+    return {name: stats[name] for name in COUNTS}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+def test_a_small_frame_is_planned_as_it_is_rendered(kind: str, quality: str) -> None:
+    image, radius = scenery(kind, *SIZE, 9.0)
+    planned = plan(radius, image=image, quality=quality)
+    assert counts(planned) == done(image, radius, quality)
+    assert set(planned.loads) == set(LOADS)
+    assert set(planned.bytes) == set(BYTES)
+
+
+@pytest.mark.parametrize("kind", RADII)
+def test_strange_depths_are_planned_nearly_as_they_are_rendered(kind: str) -> None:
+    image, radius = pattern(SIZE), RADII[kind](SIZE)
+    planned, rendered = counts(plan(radius)), done(image, radius)
+    for name in COUNTS:
+        assert planned[name] == pytest.approx(rendered[name], rel=0.15), name
+
+
+@pytest.mark.parametrize("kind", ["floor", "cards", "thin"])
+def test_a_sample_of_a_large_frame_tells_nearly_the_same(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, radius = scenery(kind, 512, 640, 12.0)
+    whole = plan(radius)
+    monkeypatch.setattr(presence, "_SAMPLE", 512 * 640 // 16)
+    monkeypatch.setattr(presence, "_SAMPLE_BEHIND", 512 * 640 // 4)
+    monkeypatch.setattr(presence, "_STRIP", 640 * 100)
+    sampled = plan(radius)
+    for name in COUNTS:
+        assert getattr(sampled, name) == pytest.approx(getattr(whole, name), rel=0.12), name
+    for name, load in whole.loads.items():
+        assert sampled.loads[name] == pytest.approx(load, rel=0.2, abs=1), name
+
+
+def loads(
+    quality: str = "standard", *, left_right: bool = False, r: float = 9.0
+) -> dict[str, float]:
+    _, radius = scenery("cards", *SIZE, r)
+    return plan(radius, quality=quality, left_right=left_right).loads
+
+
+def test_more_is_planned_for_a_pair_and_for_more_parts_of_the_aperture() -> None:
+    centre, pair, high = loads(), loads(left_right=True), loads("high")
+    assert pair["products"] == 3 * centre["products"]
+    assert pair["forward"] == centre["forward"]
+    assert high["inverse"] > 4 * centre["inverse"]
+    assert len(parts(Aperture(), find("high").parts)) == 4
+
+
+def test_hidden_content_and_edges_are_planned_where_surfaces_overlap() -> None:
+    assert loads()["hidden"] > 0 < loads()["edges"]
+    _, floor = scenery("floor", *SIZE, 9.0)
+    assert plan(floor).loads["hidden"] == 0 == plan(floor).loads["edges"]
+
+
+def test_lights_are_planned_where_the_picture_has_some() -> None:
+    image, radius = scenery("lights", *SIZE, 9.0)
+    assert plan(radius, image=image).loads["lights"] > 1000
+    assert plan(radius).loads["lights"] == 0
+    dim, _ = scenery("thin", *SIZE, 9.0)
+    assert plan(radius, image=dim).loads["lights"] == 0
+
+
+def test_a_picture_of_great_range_takes_twice_the_bytes() -> None:
+    image, radius = scenery("floor", *SIZE, 9.0)
+    bright = image.clone()
+    bright[:, :20] *= 1e5
+    wide, usual = plan(radius, image=bright), plan(radius, image=image)
+    assert wide.bytes["spectra"] == 2 * usual.bytes["spectra"]
+    assert wide.loads["forward"] == 2 * usual.loads["forward"]
+
+
+def test_what_is_no_frame_is_refused() -> None:
+    with pytest.raises(ValueError, match="signed_radius must be"):
+        plan(torch.zeros(1, 4, 4))
+    with pytest.raises(ValueError, match="quality must be one of"):
+        plan(torch.zeros(4, 4), quality="best")
