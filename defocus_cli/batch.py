@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -18,42 +18,17 @@ from typing import Any, Protocol
 from defocus_cli import identity, report, undertaking
 from defocus_cli.errors import InputError
 from defocus_cli.files import unwritable
+from defocus_cli.how import Chunk, How
 from defocus_cli.interrupts import Interrupts
 from defocus_cli.job import Job
-from defocus_cli.journal import Journal, Record, Shard, journal_path
+from defocus_cli.journal import Journal, Record, journal_path
 from defocus_cli.lock import locked
+from defocus_cli.placement import refuse_unwritable
 from defocus_cli.plan import Plan, make_plan
 from defocus_cli.undertaking import Undertaking
 from defocus_cli.work import Result
 
-Chunk = list[tuple[int, Job]]
-Done = Callable[[int, Result], None]
-Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
 MOST_IN_A_CHUNK = 8
-
-
-@dataclass(frozen=True)
-class How:
-    """How a batch is to be carried out.
-
-    Attributes:
-        execute: does jobs; given chunks of them, each of one picture, what to call with the number
-            and result of each job, and what tells that no further job is to be begun.
-        shard: which part of the batch; None for all of it.
-        limit: at most so many jobs.
-        fail_fast: stop at the first job that fails.
-        read_inputs: compare the bytes of inputs, not only their size and time.
-        again: do jobs whatever the journal says of them.
-        spread: over how many workers the jobs of one picture are to be spread.
-    """
-
-    execute: Execute
-    shard: Shard | None = None
-    limit: int | None = None
-    fail_fast: bool = False
-    read_inputs: bool = False
-    again: bool = False
-    spread: int = 1
 
 
 class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
@@ -79,6 +54,7 @@ class Summary:
     left: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
+    warned: int = 0
     seconds: float = 0.0
     interrupted: bool = False
 
@@ -90,6 +66,8 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
         InputError: the journal, or an output that must not be touched, is in the way; or nothing
             more can be written.
     """
+    for outputs in {job.outputs for job in jobs}:
+        refuse_unwritable(outputs)
     made = _made_directories(out)
     try:
         with locked(out, how.shard, say=report.say):
@@ -105,18 +83,23 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
         undertaking.sweep_up(out)
     plan = make_plan(jobs, out, how)
     listener.planned(plan)
+    settled = len(plan.settled)
+    plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
-    summary = Summary(len(plan.settled) + left, len(plan.settled), left)
+    summary = Summary(settled + left, settled, left)
+    path = undertaking.run_path(out, how.shard)
     if not plan.todo:
+        if not plan.left:
+            path.unlink(missing_ok=True)
         return summary
-    told = {"jobs": summary.jobs, "todo": len(plan.todo), "begun": _now()}
+    told = {"jobs": summary.jobs, "left": left, "begun": _now()}
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        run = Undertaking(undertaking.run_path(out, how.shard), told, plan.begun)
+        run = Undertaking(path, told, plan.left)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
                 _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
         except BaseException:
-            run.end(done=len(jobs) == 1 and not plan.begun)
+            run.end(done=len(jobs) == 1)
             raise
         run.end(done=summary.left == 0, settled=True)
     summary.interrupted = interrupts.asked
@@ -170,6 +153,7 @@ class _Batch:
         self.journal.append(record)
         self.summary.left -= 1
         self.summary.statuses[result["status"]] += 1
+        self.summary.warned += bool(result["warnings"])
         if result["reason"]:
             self.summary.reasons[result["reason"]] += 1
         if result["status"] == "failed" and self.how.fail_fast:

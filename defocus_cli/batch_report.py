@@ -6,15 +6,18 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from defocus_cli import report, stats_table
 from defocus_cli.batch import Summary
 from defocus_cli.errors import Interrupted, SomeFailed
 from defocus_cli.files import spoken
+from defocus_cli.forecast import duration
 from defocus_cli.job import Job
 from defocus_cli.journal import Record
 from defocus_cli.plan import Plan
+from defocus_cli.progress import Progress
 from defocus_cli.work import Result
 
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
@@ -47,9 +50,7 @@ class Told:
         if not self._each and plan.settled:
             report.say(f"{len(plan.settled)} jobs done before, {len(plan.todo)} to do")
         if plan.changed:
-            report.say(
-                f"{plan.changed} jobs are done again: their inputs, settings or outputs changed"
-            )
+            report.say(f"done again, as inputs, settings or outputs changed: {plan.changed}")
         if self._bar is not None and plan.todo:
             with spoken():
                 self._bar.reset(len(plan.todo))
@@ -61,7 +62,7 @@ class Told:
         lines = list(report.outcome_lines(job, record, result, verbose=self._verbose))
         if self._stats and record["status"] == "ok":
             lines += stats_table.lines(result["stats"])
-        for line in lines if self._each or record["status"] != "ok" else lines[1:]:
+        for line in lines if self._each or record["status"] != "ok" else ():
             report.say(line)
         if self._bar is not None:
             with spoken():
@@ -114,6 +115,8 @@ def summary_line(summary: Summary) -> str:
     told = f"{summary.jobs} jobs: {', '.join(parts) or 'nothing to do'}"
     if summary.reasons:
         told += f" ({reasons_words(summary.reasons)})"
+    if summary.warned:
+        told += f", {summary.warned} with warnings in the journal"
     done = sum(counts.values())
     if done and summary.seconds:
         told += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
@@ -133,8 +136,51 @@ def summary_record(summary: Summary) -> dict[str, Any]:
         "left": summary.left,
         **{status: summary.statuses[status] for status in _WORDS},
         "reasons": dict(summary.reasons),
+        "warned": summary.warned,
         "seconds": summary.seconds,
         "interrupted": summary.interrupted,
+    }
+
+
+def progress_lines(out: Path, found: Progress, failures: int) -> Iterator[str]:
+    """How far a batch has come, in words."""
+    done = sum(found.statuses.values())
+    counts = [f"{found.statuses[s]} {word}" for s, word in _WORDS.items() if found.statuses[s]]
+    left = f", {found.left} left" if found.left else ""
+    yield f"{out}: {', '.join(counts) or '0 done'}{left}, {done + found.left} jobs"
+    if found.shards is not None:
+        numbers, division = found.shards
+        yield f"  {len(numbers)} of {division} shards begun, not merged yet"
+    if found.seconds is not None:
+        rate = f", {found.rate:.3g} jobs a second" if found.rate else ""
+        yield f"  {found.seconds:.2f} s of rendering each{rate}"
+    for who in found.running:
+        yield f"  running: {who}"
+    if found.eta_seconds is not None:
+        yield f"  the rest takes about {duration(found.eta_seconds)}"
+    elif found.left:
+        yield "  not running; run the same command again to go on"
+    if found.reasons:
+        yield f"  {reasons_words(found.reasons)}"
+    for record in found.failures[max(0, len(found.failures) - failures) :] if failures else ():
+        yield f"    {record['sample_id']}: {record['reason']}: {record['message']}"
+
+
+def progress_record(found: Progress, failures: int) -> dict[str, Any]:
+    """The same in plain values."""
+    keys = ("sample_id", "status", "reason", "message")
+    shown = found.failures[max(0, len(found.failures) - failures) :] if failures else []
+    return {
+        "jobs": sum(found.statuses.values()) + found.left,
+        "left": found.left,
+        **{status: found.statuses[status] for status in _WORDS},
+        "reasons": dict(found.reasons),
+        "running": found.running,
+        "jobs_per_second": found.rate,
+        "render_seconds": found.seconds,
+        "eta_seconds": found.eta_seconds,
+        "shards": found.shards and {"begun": found.shards[0], "of": found.shards[1]},
+        "failures": [{key: record[key] for key in keys} for record in shown],
     }
 
 

@@ -91,9 +91,7 @@ def needs_hidden(job: Job) -> bool:
     return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
 
 
-def compute(
-    job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None
-) -> Made:
+def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None) -> Made:
     """All that a job asks for, computed from its picture.
 
     Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from defocus_cli import engine, pipeline
-from defocus_cli.batch import Chunk, Done
+from defocus_cli.how import Chunk, Done
 from defocus_cli.job import Job
 from defocus_cli.work import Result, TileCount
 

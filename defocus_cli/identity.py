@@ -31,7 +31,7 @@ _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and
 
 
 def sources(picture: Picture) -> dict[str, Path]:
-    """The files of a picture by role: color, depth, and hidden_color, hidden_depth if it has any."""
+    """The files of a picture by role: color, depth; hidden_color, hidden_depth if it has any."""
     files = {"color": picture.color, "depth": picture.depth}
     if picture.hidden is not None:
         files |= {"hidden_color": picture.hidden.color, "hidden_depth": picture.hidden.depth}

@@ -1,9 +1,9 @@
 """The journal of OUT: a line of JSON for each job that came to an end, appended when it is durable.
 
 ``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
-of a batch did. Each record starts with its newline, so that a torn one cannot spoil the next; a torn
-tail is ignored, and cut off by who appends next. Where records speak of the same file, the last
-holds.
+of a batch did. Each record starts with its newline, so that a torn one cannot spoil the next; a
+torn tail is ignored, and cut off by who appends next. Where records speak of the same file, the
+last holds.
 
 A record has
     sample_id   name of the sample, the stem of its files
@@ -22,11 +22,12 @@ A record has
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -36,25 +37,26 @@ from defocus_cli.files import sync_folder, unwritable
 from defocus_cli.reasons import STATUSES
 
 Record = Mapping[str, Any]
-_SHARD = re.compile(r"journal-(\d+)of(\d+)\.jsonl")
+_BLOCK = 1000  # lines
+_SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
 
 
 class Shard(NamedTuple):
-    """The part of a batch that one process does: ``number`` of ``count``, from 1."""
+    """The part of a batch that one process does: ``number`` of ``of``, from 1."""
 
     number: int
-    count: int
+    of: int
 
 
 def journal_path(out: Path, shard: Shard | None = None) -> Path:
     """The journal of OUT, or of a shard."""
-    return out / (f"journal-{shard.number}of{shard.count}.jsonl" if shard else "journal.jsonl")
+    return out / (f"journal-{shard.number}of{shard.of}.jsonl" if shard else "journal.jsonl")
 
 
 def shards(out: Path) -> list[Shard]:
-    """The shards that have a journal in OUT."""
-    found = (_SHARD.fullmatch(path.name) for path in out.glob("journal-*of*.jsonl"))
-    return sorted(Shard(int(name[1]), int(name[2])) for name in found if name)
+    """The shards that have begun in OUT."""
+    found = (_SHARD.fullmatch(path.name) for path in out.glob("*journal-*of*.*"))
+    return sorted({Shard(int(name[1]), int(name[2])) for name in found if name})
 
 
 def read_all(out: Path) -> list[Record]:
@@ -64,9 +66,13 @@ def read_all(out: Path) -> list[Record]:
         InputError: a journal cannot be read, or a line of it is broken.
     """
     paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
-    files = [read(path) for path in paths]
-    records = [record for file in files for record in file]
-    if sum(map(bool, files)) > 1:
+    return in_order([read(path) for path in paths])
+
+
+def in_order(journals: Sequence[Sequence[Record]]) -> list[Record]:
+    """The records of several journals in the order in which the jobs came to an end."""
+    records = [record for journal in journals for record in journal]
+    if sum(map(bool, journals)) > 1:
         records.sort(key=lambda record: str(record.get("finished")))
     return records
 
@@ -84,28 +90,59 @@ def read(path: Path) -> list[Record]:
     except OSError as error:
         remedy = "check its permissions"
         raise InputError(path, f"cannot be read: {reason(error)}", remedy) from error
-    return list(_records(path, data))
-
-
-def _records(path: Path, data: bytes) -> Iterator[Record]:
     lines = data.split(b"\n")
-    for number, line in enumerate(lines, 1):
-        if not line:
-            continue
-        record = _parsed(line)
+    records: list[Record] = []
+    with _without_collections():
+        for start in range(0, len(lines), _BLOCK):
+            block = lines[start : start + _BLOCK]
+            together = _together(block)
+            if together is None:
+                together = list(_one_by_one(path, block, start, last=len(lines)))
+            records += together
+    return records
+
+
+def _together(lines: Sequence[bytes]) -> list[Record] | None:
+    """The records of lines that are all whole, keys shared; None if one is not."""
+    with suppress(ValueError, RecursionError):
+        found = json.loads(b"[" + b",".join(filter(None, lines)) + b"]")
+        if all(map(_is_record, found)):
+            return list(found)
+    return None
+
+
+def _one_by_one(path: Path, lines: Sequence[bytes], start: int, *, last: int) -> Iterator[Record]:
+    for number, line in enumerate(lines, start + 1):
+        record = _parsed(line) if line else None
         if record is not None:
             yield record
-        elif number < len(lines):
+        elif line and number < last:
             remedy = "remove that line; its job is done again"
             raise InputError(path, f"line {number} is broken", remedy)
+
+
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """Nothing in the block makes cycles; looking for them takes most of its time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def _parsed(line: bytes) -> Record | None:
     with suppress(ValueError, RecursionError):
         record = json.loads(line)
-        if isinstance(record, dict) and record.get("status") in STATUSES and "outputs" in record:
-            return record
+        if _is_record(record):
+            return dict(record)
     return None
+
+
+def _is_record(value: object) -> bool:
+    return isinstance(value, dict) and value.get("status") in STATUSES and "outputs" in value
 
 
 class Journal:

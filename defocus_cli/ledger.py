@@ -1,4 +1,4 @@
-"""What the journals of OUT know: which files were made by which job, and what became of each job."""
+"""What the journals of OUT know: which job made which files, and what became of each job."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ Say = Callable[[str], object]
 
 def lock_path(out: Path, shard: Shard | None = None) -> Path:
     """The lock file of OUT, or of a shard."""
-    return out / (f".journal-{shard.number}of{shard.count}.lock" if shard else ".journal.lock")
+    return out / (f".journal-{shard.number}of{shard.of}.lock" if shard else ".journal.lock")
 
 
 @contextmanager
@@ -152,7 +152,7 @@ def _system_lock(number: int) -> bool | None:
 
 def _runs(told: Mapping[str, Any]) -> bool:
     """Whether the process that a lock names still runs, and is not another of its number."""
-    if told.get("pid") is None or told["pid"] == os.getpid():
+    if told.get("pid") is None:
         return False
     try:
         os.kill(int(told["pid"]), 0)
@@ -214,7 +214,7 @@ def _words(told: Mapping[str, Any]) -> str:
 
 
 def _of_same_division(path: Path, shard: Shard | None) -> bool:
-    return shard is not None and path.name.endswith(f"of{shard.count}.lock")
+    return shard is not None and path.name.endswith(f"of{shard.of}.lock")
 
 
 def _now() -> str:

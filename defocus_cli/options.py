@@ -199,10 +199,14 @@ def machine_options(command: Command) -> Command:
     )(command)
 
 
+def machine_option(*names: str, **settings: Any) -> Decorator:
+    """An option that help shows beside those of `machine_options`."""
+    return _option("Machine", *names, **settings)
+
+
 def check_inputs_option(command: Command) -> Command:
     """Hand a command ``check_inputs``: stat or hash."""
-    return _option(
-        "Machine",
+    return machine_option(
         "--check-inputs",
         type=click.Choice(["stat", "hash"]),
         default="stat",

@@ -1,7 +1,7 @@
-"""Reading ahead, rendering, writing behind: each picture is computed while the next one is decoded
-and the one before is encoded.
+"""Reading ahead, rendering, writing behind.
 
-At most one picture waits to be computed and one to be written, whatever the number of jobs.
+Each picture is computed while the next one is decoded and the one before is encoded. At most one
+picture waits to be computed and one to be written, whatever the number of jobs.
 """
 
 from __future__ import annotations

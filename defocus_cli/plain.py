@@ -54,7 +54,7 @@ def _typed(kind: Any, value: Any) -> Any:
         if kinds[-1] is Ellipsis:
             return tuple(_typed(kinds[0], item) for item in value)
         return tuple(_typed(*pair) for pair in zip(kinds, value, strict=True))
-    if dataclasses.is_dataclass(kind):
+    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
         hints = _hints(kind)
         return kind(**{name: _typed(hints[name], item) for name, item in value.items()})
     return kind(value)

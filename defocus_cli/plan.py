@@ -5,26 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from defocus_cli import identity, undertaking
+from defocus_cli.how import How
 from defocus_cli.job import Job
 from defocus_cli.journal import Record, Shard, read_all
 from defocus_cli.ledger import Ledger
 from defocus_cli.placement import refuse_misplaced, refuse_unknown
-
-
-class How(Protocol):
-    """What a plan has to know of how a batch is to be carried out; see `defocus_cli.batch.How`."""
-
-    @property
-    def shard(self) -> Shard | None: ...
-    @property
-    def limit(self) -> int | None: ...
-    @property
-    def read_inputs(self) -> bool: ...
-    @property
-    def again(self) -> bool: ...
 
 
 @dataclass(frozen=True)
@@ -37,14 +24,14 @@ class Plan:
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
-        begun: files that a run which did not end was about to write.
+        left: files that a run which did not end was about to write, and that are none of ``todo``.
     """
 
     todo: list[tuple[Job, str]]
     settled: list[tuple[Job, Record]]
     beyond: int
     changed: int
-    begun: frozenset[str]
+    left: frozenset[str]
 
 
 def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
@@ -59,20 +46,22 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     todo: list[tuple[Job, str]] = []
     settled: list[tuple[Job, Record]] = []
     changed = 0
+    forced = how.again or any(job.outputs.overwrite for job in jobs)
     for job in jobs if how.shard is None else _part(jobs, how.shard):
         recipe = identity.recipe(job)
         record = None
-        if not (how.again or job.outputs.overwrite):
+        if not forced:
             record = ledger.settled(job, recipe=recipe, read_inputs=how.read_inputs)
         if record is not None:
             settled.append((job, record))
             continue
         todo.append((job, recipe))
-        changed += any(name in ledger.files for name in job.names.values())
+        changed += not forced and any(name in ledger.files for name in job.names.values())
     now = todo if how.limit is None else todo[: how.limit]
     refuse_unknown([job for job, _ in now], ledger.files.keys() | begun)
-    unknown = frozenset(begun - ledger.files.keys())
-    return Plan(now, settled, len(todo) - len(now), changed, unknown)
+    own = {name for job, _ in now for name in job.names.values()}
+    left = frozenset(name for name in begun - ledger.files.keys() - own if (out / name).exists())
+    return Plan(now, settled, len(todo) - len(now), changed, left)
 
 
 def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:
@@ -81,6 +70,6 @@ def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:
     for job in jobs:
         if job.picture != picture:
             picture, place = job.picture, place + 1
-        if place % shard.count == shard.number - 1:
+        if place % shard.of == shard.number - 1:
             part.append(job)
     return part

@@ -1,7 +1,7 @@
 """Why a job made nothing: the closed list of codes that journals and `defocus status` speak in.
 
-A job is ``rejected`` where the picture cannot be taken as asked, which trying again does not change;
-it has ``failed`` where something went wrong.
+A job is ``rejected`` where the picture cannot be taken as asked: trying again does not change that.
+It has ``failed`` where something went wrong.
 """
 
 from __future__ import annotations

@@ -109,7 +109,9 @@ def plan_line(job: Job) -> str:
     )
 
 
-def outcome_record(job: Job, record: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
+def outcome_record(
+    job: Job, record: Mapping[str, Any], result: Mapping[str, Any]
+) -> dict[str, Any]:
     """What a job read, did and wrote.
 
     Args:

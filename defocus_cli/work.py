@@ -2,8 +2,8 @@
 
 A result has status, reason, message, inputs, outputs, lens, size, coc_px, depth_note, device,
 warnings and seconds as a record of the journal has them, paths aside: outputs are relative to the
-root, inputs have none. ``stats`` are those of the renderer. Where something was raised, ``trace`` is
-its traceback if it was a fault, and ``error`` itself is there, for this process alone.
+root, inputs have none. ``stats`` are those of the renderer. Where something was raised, ``trace``
+is its traceback if it was a fault, and ``error`` itself is there, for this process alone.
 """
 
 from __future__ import annotations
@@ -65,9 +65,7 @@ class Reader:
             for role, path in identity.sources(job.picture).items():
                 with suppress(OSError):  # the decoder says it better
                     stamps[role] = identity.stamp(path)
-            loaded = engine.load_inputs(
-                job.picture, job.reading, hidden=engine.needs_hidden(job)
-            )
+            loaded = engine.load_inputs(job.picture, job.reading, hidden=engine.needs_hidden(job))
         except Exception as error:
             return Ready(job, None, stamps, 0.0, failure(error, "read", stamps))
         ready = Ready(job, loaded, stamps, time.perf_counter() - start)

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from defocus_cli import batch, batch_report, dry_runs, here, options, report
+from defocus_cli.how import How
 from defocus_cli.job import (
     Job,
     Lens,
@@ -86,7 +87,7 @@ def command(
     """  # noqa: D301  click reads the backspace
     pictures = with_hidden(find_pictures(color, depth), color, hidden)
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
-    how = functools.partial(batch.How, read_inputs=check_inputs == "hash")
+    how = functools.partial(How, read_inputs=check_inputs == "hash")
     if dry_run:
         dry_runs.tell(jobs, make_plan(jobs, outputs.root, how(here.execute)), as_json=as_json)
         return
