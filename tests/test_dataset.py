@@ -6,9 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from command_line import color_exr, depth_exr, header, ramp, read_exr
-from jobs_files import LENS, jobs
+from command_line import header, read_exr
+from jobs_files import INPUTS, LENS, SAMPLE, jobs, pictures
 
 from defocus_cli import batch, batch_report, dataset_index, here, tar_shards
 from defocus_cli.finished import samples
@@ -17,24 +16,7 @@ from defocus_cli.journal import Record, read_all
 from defocus_cli.ledger import Ledger
 from defocus_cli.plain import plain, typed
 
-INPUTS = 'color = "*_rgb.exr"\ndepth = "*_z.exr"'
 DRAFT = '[machine]\nquality = "draft"\n'
-SAMPLE = """
-[sample]
-n = 4
-seed = 7
-fnumber = "loguniform(1.4, 16)"
-focus = "percentile(5, 95)"
-max-coc = "0.3px"
-[outputs]
-kinds = ["render", "coc"]
-"""
-
-
-def pictures(folder: Path) -> None:
-    for name, nearer in (("a", 1.0), ("b", 2.0)):
-        color_exr(folder / f"{name}_rgb.exr")
-        depth_exr(folder / f"{name}_z.exr", ramp() * np.float32(nearer))
 
 
 def carried_out(folder: Path, text: str) -> tuple[batch.Summary, list[Record]]:
