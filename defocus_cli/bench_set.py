@@ -136,7 +136,7 @@ def read(shot: Shot) -> Pictures:
     import torch
 
     from defocus_cli.depth import read_depth, require_valid
-    from defocus_cli.engine import signed_radius
+    from defocus_cli.focusing import signed_radius
 
     depth = read_depth(shot.folder / "depth.exr")
     require_valid(depth)

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from defocus_cli.files import unwritable
+from defocus_cli.files import sync_folder, unwritable
 from defocus_cli.quantities import length_text
 from defocus_cli.report import version
 
@@ -79,6 +79,7 @@ def deliver(
                     write_preview(previews[kind], maps[kind][:, :, None])
                 else:
                     write_coc_preview(previews[kind], maps[kind])
+        written.sync()
     return tuple(warnings)
 
 
@@ -106,6 +107,15 @@ class _Replaced:
             self._before[path] = kept
         else:
             self._before[path] = kept
+
+    def sync(self) -> None:
+        """Make the names of the new files durable, too."""
+        folders = {path.parent for path in self._before}
+        for folder in folders | {folder.parent for folder in folders}:
+            try:
+                sync_folder(folder)
+            except OSError as error:
+                raise unwritable(folder, error) from error
 
     def forget(self) -> None:
         """The new files stay."""

@@ -1,9 +1,8 @@
-"""Runs a job: read, render, write. Nothing of a picture is written before all of it is computed."""
+"""The steps of a job: read, compute, write. What is written has been computed to its end."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -12,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.errors import InputError, UsageProblem, reason
+from defocus_cli.errors import InputError, TooLarge, UsageProblem
+from defocus_cli.focusing import focused, signed_radius
 from defocus_cli.job import IMAGE_KINDS, RENDERED_KINDS, Job, Lens, Picture, Reading
-from defocus_cli.lens_file import refuse_near_focus
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,15 +22,13 @@ if TYPE_CHECKING:
     from defocus_cli.depth import Depth
     from defocus_cli.images import Color
 
-MM_PER_M = 1000.0
-
 
 @dataclass(frozen=True)
 class Outcome:
     """What became of a job."""
 
     job: Job
-    lens: Lens  # with the focus distance that --focus-at found
+    lens: Lens  # with the focus distance that was found
     size: tuple[int, int]  # width, height
     coc_px: tuple[float, float]  # smallest and largest signed radius
     depth_note: str
@@ -42,39 +39,99 @@ class Outcome:
     stats: Mapping[str, float] = field(default_factory=dict)
 
 
-def run(job: Job, progress: Callable[[int, int], None] | None = None) -> Outcome:
-    """Read, render and write one picture.
+@dataclass(frozen=True)
+class Loaded:
+    """A picture, decoded; and what lies behind it, where a job needs and has it."""
+
+    color: Color
+    depth: Depth
+    behind: tuple[Color, Depth] | None = None
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a job computed.
+
+    Attributes:
+        outcome: how.
+        color: what it was made of, for the metadata and further channels to carry along.
+        radius: signed CoC radius in px, [H, W].
+        images: kind to linear pixels [H, W, C], and trust [H, W].
+    """
+
+    outcome: Outcome
+    color: Color
+    radius: NDArray[np.float32]
+    images: Mapping[str, NDArray[np.float32]]
+
+
+def load_inputs(picture: Picture, reading: Reading, *, hidden: bool) -> Loaded:
+    """Decode a picture, and what lies behind it if ``hidden`` is wanted and there.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: the options make no sense for it.
+    """
+    color, depth = read(picture, reading)
+    if picture.hidden is None or not hidden:
+        return Loaded(color, depth)
+    behind, behind_depth = read(picture.hidden, reading)
+    if behind.pixels.shape != color.pixels.shape:
+        told, wanted = (
+            f"{width}x{height} px of {channels} channels"
+            for height, width, channels in (behind.pixels.shape, color.pixels.shape)
+        )
+        problem = f"is {told} but the picture is {wanted}"
+        raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
+    return Loaded(color, depth, (behind, behind_depth))
+
+
+def needs_hidden(job: Job) -> bool:
+    """Whether a job would look at what lies behind."""
+    return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
+
+
+def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None) -> Made:
+    """All that a job asks for, computed from its picture.
 
     Args:
         job: what to do.
+        loaded: its picture.
         progress: called with (tiles done, tiles in all) while it renders.
 
     Raises:
-        InputError: an input or output cannot be used.
+        InputError: the picture cannot be taken with this lens, or does not fit into memory.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    from defocus_cli.delivery import deliver
-
     device = choose_device(job.machine.device)
-    color, depth = read(job.picture, job.reading)
-    height, width = depth.metres.shape
-    lens = focused(job.lens, depth)
-    radius = signed_radius(lens, depth.metres, (width, height))
+    height, width = loaded.depth.metres.shape
+    lens = focused(job.lens, loaded.depth)
+    radius = signed_radius(lens, loaded.depth.metres, (width, height))
     outcome = Outcome(
         job=job,
         lens=lens,
         size=(width, height),
         coc_px=(float(radius.min()), float(radius.max())),
-        depth_note=depth.note,
+        depth_note=loaded.depth.note,
         device=device,
     )
     images: dict[str, Any] = {}
     if set(job.outputs.kinds) & set(RENDERED_KINDS):
-        known = None
-        if job.picture.hidden is not None:
-            known = _known(job.picture.hidden, job.reading, color, lens)
-        images, outcome = _render(color, radius, known, outcome, progress)
-    return dataclasses.replace(outcome, warnings=deliver(color, radius, images, outcome))
+        known = None if loaded.behind is None else _known(*loaded.behind, lens)
+        images, outcome = _render(loaded.color, radius, known, outcome, progress)
+    return Made(outcome, loaded.color, radius, images)
+
+
+def write(made: Made) -> Outcome:
+    """Write what a job computed: all its files or none.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    from defocus_cli.delivery import deliver
+
+    warnings = deliver(made.color, made.radius, made.images, made.outcome)
+    return dataclasses.replace(made.outcome, warnings=warnings)
 
 
 def load() -> None:
@@ -112,43 +169,6 @@ def choose_device(name: str) -> str:
     return "cuda" if found else "cpu"
 
 
-def focused(lens: Lens, depth: Depth) -> Lens:
-    """The lens with its focus distance known, looked up in ``depth`` for ``--focus-at``."""
-    if lens.focus_at is None:
-        return lens
-    (x, y), (height, width) = lens.focus_at, depth.metres.shape
-    if not (0 <= x < width and 0 <= y < height):
-        raise UsageProblem(
-            "--focus-at",
-            f"{x},{y} lies outside {depth.path} of {width}x{height} px",
-            f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
-        )
-    foc_dist = float(depth.metres[y, x]) * MM_PER_M
-    refuse_near_focus(foc_dist, lens.foclen, f"--focus-at: {depth.path} at {x},{y}")
-    return dataclasses.replace(lens, foc_dist=foc_dist)
-
-
-def signed_radius(
-    lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
-) -> NDArray[np.float32]:
-    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
-    import numpy as np
-    import torch
-
-    from defocus_core import DefocusLens
-
-    width, height = size
-    sensor = (lens.sensor_width, lens.sensor_width * height / width)
-    depth_mm = torch.from_numpy(metres.astype(np.float64)) * MM_PER_M
-    try:
-        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
-        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
-    except ValueError as error:
-        raise UsageProblem("--focus", reason(error), "check the lens options") from error
-    radius: NDArray[np.float32] = thin.signed_radius(depth_mm).float().numpy()
-    return radius
-
-
 def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
     """Which part ``--part`` means in a file; None for one that has no other, if it is not alone.
 
@@ -167,20 +187,11 @@ def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
 
 
 def _known(
-    hidden: Picture, reading: Reading, color: Color, lens: Lens
+    behind: Color, depth: Depth, lens: Lens
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
     """Pixels [H, W, C], signed radius [H, W] px and mask [H, W] of what is known to lie behind."""
     import numpy as np
 
-    behind, depth = read(hidden, reading)
-    if behind.pixels.shape != color.pixels.shape:
-        told, wanted = (
-            f"{width}x{height} px of {channels} channels"
-            for height, width, channels in (behind.pixels.shape, color.pixels.shape)
-        )
-        raise InputError(
-            hidden.color, f"is {told} but the picture is {wanted}", "give --hidden of the same kind"
-        )
     height, width = depth.metres.shape
     known = np.isfinite(depth.metres) | (behind.pixels != 0).any(-1)
     return behind.pixels, signed_radius(lens, depth.metres, (width, height)), known
@@ -248,7 +259,7 @@ def _render(
         rendering = render(
             image,
             signed,
-            aperture=Aperture(job.lens.blades, job.lens.blade_rotation),
+            aperture=Aperture(outcome.lens.blades, outcome.lens.blade_rotation),
             quality=job.machine.quality,
             left_right=bool({"left", "right"} & set(job.outputs.kinds)),
             hidden=hidden,
@@ -257,7 +268,7 @@ def _render(
         )
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
-        raise InputError(job.picture.color, problem, "use --device cpu") from None
+        raise TooLarge(job.picture.color, problem, "use --device cpu") from None
     if device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu

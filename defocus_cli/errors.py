@@ -1,6 +1,7 @@
 """What a user did wrong, said in one line: ``defocus: SUBJECT: problem; remedy``.
 
-Exit codes: 2 for a command line that makes no sense, 3 for a file that cannot be used.
+Exit codes: 1 if a part of a batch failed, 2 for a command line that makes no sense, 3 for a file
+that cannot be used, 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -50,6 +51,22 @@ class InputError(UserError):
     """A file cannot be read, understood or written; exit code 3."""
 
     exit_code = 3
+
+
+class TooLarge(InputError):  # noqa: N818 - it is said of a file
+    """A picture does not fit into memory."""
+
+
+class Interrupted(click.ClickException):
+    """The user pressed Ctrl-C; exit code 130."""
+
+    exit_code = 130
+
+
+class SomeFailed(click.ClickException):
+    """Not all of a batch could be done; exit code 1."""
+
+    exit_code = 1
 
 
 def one_line(text: object) -> str:

@@ -106,6 +106,13 @@ def quiet() -> Iterator[None]:
 
 
 @contextmanager
+def spoken() -> Iterator[None]:
+    """Words that are said in the block are heard, even if another thread is in `quiet`."""
+    with _quiet_lock:
+        yield
+
+
+@contextmanager
 def written_whole(path: Path) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
@@ -133,6 +140,16 @@ def written_whole(path: Path) -> Iterator[BinaryIO]:
         if isinstance(error, OSError):
             raise unwritable(path, error) from error
         raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable, where the system can."""
+    with suppress(PermissionError, NotImplementedError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def unwritable(path: Path, error: OSError) -> InputError:

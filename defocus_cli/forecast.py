@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
 from defocus_cli.calibration import Calibration, calibrated, kept, usual
-from defocus_cli.errors import InputError
+from defocus_cli.errors import TooLarge
+from defocus_cli.focusing import focused, signed_radius
 from defocus_cli.job import RENDERED_KINDS, Job, Lens
 
 if TYPE_CHECKING:
@@ -91,8 +92,8 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
     color, depth = engine.read(job.picture, job.reading)
     read_seconds = time.perf_counter() - start
     height, width, channels = color.pixels.shape
-    lens = engine.focused(job.lens, depth)
-    radius = engine.signed_radius(lens, depth.metres, (width, height))
+    lens = focused(job.lens, depth)
+    radius = signed_radius(lens, depth.metres, (width, height))
     reach = (float(radius.min()), float(radius.max()))
     inputs = height * width * _FLOAT * (channels + 1) / memory.MB
     if device == "cpu":
@@ -140,7 +141,7 @@ def refuse_too_large(
         limit_mb: for the whole process; None is what this machine has to give.
 
     Raises:
-        InputError: it would not fit; the remedy is the option with which it would.
+        TooLarge: it would not fit; the remedy is the option with which it would.
     """
     available = memory.available_mb(device)
     if limit_mb is not None:
@@ -161,8 +162,8 @@ def refuse_too_large(
     for remedy, settings in _REMEDIES:
         changed = replace(job, machine=replace(job.machine, **settings))
         if changed.machine != job.machine and needed(changed) <= available:
-            raise InputError(job.picture.color, problem, f"use {remedy}")
-    raise InputError(job.picture.color, problem, "use a smaller picture or a machine with more")
+            raise TooLarge(job.picture.color, problem, f"use {remedy}")
+    raise TooLarge(job.picture.color, problem, "use a smaller picture or a machine with more")
 
 
 def _most_mb(image: Tensor, signed_radius: Tensor) -> float:
@@ -199,7 +200,7 @@ def line(forecast: Forecast) -> str:
     share = 100 * plan.slice_tiles_done / plan.slice_tiles
     return (
         f"{told}{plan.slices} slices, {plan.slice_tiles_done} of {plan.slice_tiles} steps of "
-        f"slice x tile ({share:.0f} %); about {_duration(forecast.seconds)}, "
+        f"slice x tile ({share:.0f} %); about {duration(forecast.seconds)}, "
         f"{forecast.peak_mb:.0f} MB"
     )
 
@@ -223,12 +224,12 @@ def total_lines(found: Sequence[Forecast], jobs: int) -> Iterator[str]:
     every = total(found, jobs)
     few = f", from {len(found)} of them" if len(found) < jobs else ""
     yield (
-        f"{jobs} pictures: about {_duration(every['render_seconds'])} to render and "
-        f"{_duration(every['read_seconds'])} to read{few}; {every['peak_mb']:.0f} MB"
+        f"{jobs} pictures: about {duration(every['render_seconds'])} to render and "
+        f"{duration(every['read_seconds'])} to read{few}; {every['peak_mb']:.0f} MB"
     )
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """Like ``0.3 s``, ``12 s``, ``3 min 20 s`` or ``2 h 5 min``."""
     if seconds < 10:
         return f"{seconds:.1f} s"

@@ -153,17 +153,17 @@ def _nonfinite(pixels: NDArray[np.float32]) -> int:
 def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
     import numpy as np
 
-    from defocus_cli import engine
+    from defocus_cli import focusing
 
     valid = depth.metres[~depth.invalid]
     finite = valid[np.isfinite(valid)]
     coc_px = None
     if lens is not None and valid.size:
-        lens = engine.focused(lens, depth)
+        lens = focusing.focused(lens, depth)
         height, width = depth.metres.shape
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([valid.min(), valid.max()])
-        near, far = engine.signed_radius(lens, extremes, (width, height))
+        near, far = focusing.signed_radius(lens, extremes, (width, height))
         coc_px = (float(near), float(far))
     return DepthFound(
         note=depth.note,

@@ -1,17 +1,16 @@
 """A job: one picture, the lens that takes it, what to write and how to compute it.
 
 Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
-Nothing here opens a file: what can be refused by looking at names is refused before any work.
+Nothing here opens a file.
 """
 
 from __future__ import annotations
 
-import os
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from defocus_cli.draws import Draw
 from defocus_cli.errors import InputError
 
 IMAGE_KINDS = ("render", "left", "right")
@@ -22,6 +21,7 @@ SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg"
 COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 DEPTH_SUFFIXES = frozenset({".exr", ".pfm", ".npy", ".png", ".tif", ".tiff"})
 SCENE_SUFFIXES = frozenset({".exr"})
+PREVIEW = ".preview"
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class Lens:
-    """A thin lens, lengths in mm; focused at ``foc_dist`` or on what pixel ``focus_at`` shows."""
+    """A thin lens, lengths in mm.
+
+    Its focus is at ``foc_dist``, on what pixel ``focus_at`` shows, or at ``focus_percentile`` of
+    the depth; ``engine.focused`` finds the distance.
+    """
 
     foclen: float
     fnum: float
@@ -48,6 +52,9 @@ class Lens:
     sensor_width: float = 36.0
     blades: int = 0
     blade_rotation: float = 0.0
+    focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
+    max_coc: float | None = None  # px, the greatest CoC radius with which a picture is taken
+    draw: Draw | None = None  # where it is from, if it is random, and where another can be had
 
 
 @dataclass(frozen=True)
@@ -71,20 +78,13 @@ class Outputs:
     preview: bool = False
     overwrite: bool = False
 
-    def paths(self, stem: str) -> dict[str, Path]:
-        """The file of each kind for one picture."""
-        return {
-            kind: self.root
-            / kind
-            / (stem + (".exr" if kind in MAP_KINDS else SUFFIXES[self.format]))
-            for kind in self.kinds
-        }
-
-    def previews(self, stem: str) -> dict[str, Path]:
-        """The preview of each kind for one picture; empty when none are wanted."""
-        if not self.preview:
-            return {}
-        return {kind: self.root / kind / f"{stem}.preview.png" for kind in self.kinds}
+    def names(self, stem: str) -> dict[str, str]:
+        """The files of one picture, relative to the root: of each kind, and of kind.preview."""
+        suffix = SUFFIXES[self.format]
+        names = {k: f"{k}/{stem}{'.exr' if k in MAP_KINDS else suffix}" for k in self.kinds}
+        if self.preview:
+            names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
+        return names
 
 
 @dataclass(frozen=True)
@@ -113,19 +113,26 @@ class Job:
         return self.picture.stem + self.suffix
 
     @property
+    def names(self) -> dict[str, str]:
+        """Every file this job writes, relative to the root: of each kind, and of kind.preview."""
+        return self.outputs.names(self.sample_id)
+
+    @property
     def paths(self) -> dict[str, Path]:
         """The file of each kind."""
-        return self.outputs.paths(self.sample_id)
+        names, root = self.names, self.outputs.root
+        return {kind: root / names[kind] for kind in self.outputs.kinds}
 
     @property
     def previews(self) -> dict[str, Path]:
         """The preview of each kind; empty when none are wanted."""
-        return self.outputs.previews(self.sample_id)
+        names = {name: path for name, path in self.names.items() if name.endswith(PREVIEW)}
+        return {name.removesuffix(PREVIEW): self.outputs.root / p for name, p in names.items()}
 
     @property
     def written(self) -> list[Path]:
         """Every file this job writes."""
-        return [*self.paths.values(), *self.previews.values()]
+        return [self.outputs.root / name for name in self.names.values()]
 
 
 def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
@@ -192,35 +199,6 @@ def with_hidden(
     return [replace(picture, hidden=behind[picture.stem]) for picture in pictures]
 
 
-def make_jobs(
-    pictures: Sequence[Picture], lens: Lens, *, reading: Reading, outputs: Outputs, machine: Machine
-) -> list[Job]:
-    """One job for each picture, refused as a whole if any would write where it must not.
-
-    Raises:
-        InputError: an output exists already, is an input or another job's output, or lies where
-            nothing can be written.
-    """
-    jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
-    written = [path for job in jobs for path in job.written]
-    _refuse_clashes(written, pictures)
-    _refuse_unwritable(outputs)
-    folder = next((path for path in written if path.is_dir()), None)
-    if folder is not None:
-        raise InputError(
-            folder, "is a directory where a file is to be written", "choose another -o"
-        )
-    existing = [path for path in written if path.exists()]
-    if existing and not outputs.overwrite:
-        others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""
-        raise InputError(
-            existing[0],
-            f"exists already{others}",
-            "choose another -o or add --overwrite to render again",
-        )
-    return jobs
-
-
 def _scenes(path: Path) -> list[Picture]:
     if path.is_dir():
         return [Picture(stem, file, file) for stem, file in _by_stem(path, SCENE_SUFFIXES).items()]
@@ -251,26 +229,6 @@ def _by_stem(folder: Path, suffixes: frozenset[str]) -> dict[str, Path]:
             folder, "holds no file of a known type", f"give one with files of type {known}"
         )
     return found
-
-
-def _refuse_clashes(written: Sequence[Path], pictures: Sequence[Picture]) -> None:
-    twice = next((path for path, count in Counter(written).items() if count > 1), None)
-    if twice is not None:
-        raise InputError(twice, "would be written twice", "rename one of the colour files")
-    sources = [*pictures, *(picture.hidden for picture in pictures if picture.hidden)]
-    inputs = {path.resolve() for one in sources for path in (one.color, one.depth)}
-    for path in written:
-        if path.resolve() in inputs:
-            raise InputError(path, "is an input and would be overwritten", "choose another -o")
-
-
-def _refuse_unwritable(outputs: Outputs) -> None:
-    for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
-        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if not existing.is_dir():
-            raise InputError(existing, "is a file where a directory is needed", "choose another -o")
-        if not os.access(existing, os.W_OK | os.X_OK):
-            raise InputError(existing, "cannot be written to", "choose another -o")
 
 
 def _some(names: Sequence[str], most: int = 3) -> str:

@@ -1,6 +1,7 @@
 """The ``defocus`` command: finds the subcommand, and says in one line what went wrong.
 
-Exit codes: 0 done, 1 a fault of defocus itself, 2 usage, 3 input or output, 130 interrupted.
+Exit codes: 0 done, 1 some of a batch failed, or a fault of defocus itself, 2 usage, 3 input or
+output, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -13,11 +14,18 @@ from contextlib import suppress
 
 import click
 
-from defocus_cli.errors import UsageProblem, UserError, did_you_mean, one_line, reason
+from defocus_cli.errors import (
+    Interrupted,
+    UsageProblem,
+    UserError,
+    did_you_mean,
+    one_line,
+    reason,
+)
 from defocus_cli.option_types import option_name
 from defocus_cli.report import version
 
-COMMANDS = ("render", "info", "bench", "verify")
+COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "bench", "verify")
 NO_SPACE = 28  # errno.ENOSPC
 
 
@@ -51,12 +59,6 @@ class LazyGroup(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise Interrupted("interrupted; pictures that were finished are kept") from None
-
-
-class Interrupted(click.ClickException):
-    """The user pressed Ctrl-C."""
-
-    exit_code = 130
 
 
 def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:

@@ -14,7 +14,8 @@ from typing import Any
 import click
 
 from defocus_cli.job import KINDS, Lens, Machine, Outputs, Reading
-from defocus_cli.lens_file import PARSERS, make_lens
+from defocus_cli.lens_file import make_lens
+from defocus_cli.lens_options import PARSERS
 from defocus_cli.option_types import FilePath, Format, Kinds, Quantity, refuse_kinds_with_blanks
 
 Command = Callable[..., Any]
@@ -198,6 +199,22 @@ def machine_options(command: Command) -> Command:
     )(command)
 
 
+def machine_option(*names: str, **settings: Any) -> Decorator:
+    """An option that help shows beside those of `machine_options`."""
+    return _option("Machine", *names, **settings)
+
+
+def check_inputs_option(command: Command) -> Command:
+    """Hand a command ``check_inputs``: stat or hash."""
+    return machine_option(
+        "--check-inputs",
+        type=click.Choice(["stat", "hash"]),
+        default="stat",
+        show_default=True,
+        help="How to see that an input of what is done has changed: size and time, or its bytes.",
+    )(command)
+
+
 def json_option(command: Command) -> Command:
     """Hand a command ``as_json``."""
     text = "Print one JSON document on stdout."
@@ -221,7 +238,10 @@ _LENS_HELP = {
     "fnumber": ("N", "F-number, like 1.4."),
     "aperture-diameter": ("LENGTH", "Diameter of the opening; instead of --fnumber."),
     "sensor-width": ("LENGTH", "Width of the sensor.  [default: 36mm]"),
-    "focus": ("DISTANCE", "Distance in focus, from the lens, like 2m; or inf."),
+    "focus": (
+        "DISTANCE",
+        "Distance in focus, like 2m or inf; or percentile(50) of the depth.",
+    ),
     "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
     "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
     "blade-rotation": (

@@ -8,11 +8,17 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from decimal import Decimal
 
 MM_PER_UNIT = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
 MOST_BLADES = 100  # a polygon that nobody tells from a circle
+_BYTES = {
+    **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
+    **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
+}
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
+_PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 _LENGTHS = "like 2m or 50mm"
 
 
@@ -23,6 +29,16 @@ class QuantityError(ValueError):
         super().__init__(f"{problem}; {remedy}")
         self.problem = problem
         self.remedy = remedy
+
+
+@dataclass(frozen=True)
+class Percentile:
+    """The distance that ``percent`` of the pixels do not exceed, those of the sky aside."""
+
+    percent: float
+
+    def __str__(self) -> str:
+        return f"percentile({self.percent:.9g})"
 
 
 def length(text: str) -> float:
@@ -36,11 +52,31 @@ def length(text: str) -> float:
     return _positive(float(number * Decimal(MM_PER_UNIT[unit])), text, _LENGTHS)
 
 
-def focus(text: str) -> float:
-    """The distance in focus in mm; ``inf`` for infinity."""
+def focus(text: str) -> float | Percentile:
+    """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
     if text.strip().lower() in ("inf", "infinity"):
         return math.inf
-    return length(text)
+    found = _PERCENTILE.fullmatch(text)
+    if not found:
+        return length(text)
+    return Percentile(percentage(found[1]))
+
+
+def percentage(text: str) -> float:
+    """A number from 0 to 100, from ``5`` or ``5%``."""
+    example = "write one from 0 to 100, like 50"
+    number, unit = _split(text.strip().removesuffix("%"), "a percentage", example)
+    if unit or not 0 <= number <= 100:
+        raise QuantityError(f"'{text}' is not a percentage", example)
+    return float(number)
+
+
+def pixel_count(text: str) -> float:
+    """A positive length in the picture, from ``40px`` or ``40``."""
+    number, unit = _split(text, "a length in px", "write it like 40px")
+    if unit not in ("", "px"):
+        raise QuantityError(f"'{text}' has an unknown unit", "write it like 40px")
+    return _positive(float(number), text, "like 40px")
 
 
 def fnumber(text: str) -> float:
@@ -80,6 +116,17 @@ def pixel(text: str) -> tuple[int, int]:
     if not found:
         raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
     return int(found[1]), int(found[2])
+
+
+def byte_count(text: str) -> int:
+    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096``."""
+    number, unit = _split(text, "a size", "write it like 1GB")
+    if unit and unit not in _BYTES:
+        raise QuantityError(f"'{text}' has an unknown unit", f"use one of {', '.join(_BYTES)}")
+    count = int(number * _BYTES[unit]) if unit else int(number)
+    if count < 1:
+        raise QuantityError(f"'{text}' holds no byte", "write it like 1GB")
+    return count
 
 
 def length_text(mm: float, digits: int = 6) -> str:

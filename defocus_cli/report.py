@@ -5,23 +5,20 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from defocus_cli.quantities import length_text
+from defocus_cli.files import spoken
+from defocus_cli.quantities import Percentile, length_text
 
 if TYPE_CHECKING:
-    from defocus_cli.engine import Outcome
     from defocus_cli.inspection import DepthFound, Inspection
     from defocus_cli.job import Job, Lens
-
-
-TileCount = Callable[[int, int], None]
 
 _MAP_WORDS = {
     "coc": "CoC map (signed radius, negative nearer than the focus)",
@@ -40,7 +37,8 @@ def version() -> str:
 
 def say(line: str) -> None:
     """One line on stderr, above the progress bar if there is one."""
-    with suppress(OSError):  # words that find no ear are no reason to lose the picture
+    # Words that find no ear are no reason to lose the picture.
+    with spoken(), suppress(OSError):
         if "tqdm" in sys.modules and sys.stderr is not None:
             sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
         else:
@@ -50,31 +48,6 @@ def say(line: str) -> None:
 def print_json(**document: Any) -> None:
     """One JSON document on stdout, which names the version first."""
     click.echo(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
-
-
-@contextmanager
-def progress(jobs: Sequence[Job]) -> Iterator[tuple[Iterable[Job], TileCount | None]]:
-    """The jobs, and what to tell (tiles done, tiles in all) of each, None if nobody watches.
-
-    If stderr is a terminal, a bar there counts the jobs, or the tiles of a lone job.
-    """
-    if sys.stderr is None or not sys.stderr.isatty():  # None: closed by whoever started us
-        yield jobs, None
-        return
-    from tqdm import tqdm
-
-    if len(jobs) > 1:
-        with tqdm(jobs, unit="picture", file=sys.stderr, leave=False) as bar:
-            yield bar, None
-        return
-    with tqdm(unit="tile", file=sys.stderr, leave=False) as tile_bar:
-
-        def count(done: int, total: int) -> None:
-            if tile_bar.total is None:
-                tile_bar.reset(total)
-            tile_bar.update(done - tile_bar.n)
-
-        yield jobs, count
 
 
 def lens_record(lens: Lens) -> dict[str, Any]:
@@ -89,17 +62,30 @@ def lens_record(lens: Lens) -> dict[str, Any]:
     }
     if lens.focus_at is not None:
         record["focus_at_px"] = list(lens.focus_at)
+    if lens.focus_percentile is not None:
+        record["focus_percentile"] = lens.focus_percentile
+    if lens.max_coc is not None:
+        record["max_coc_px"] = lens.max_coc
+    if (draw := lens.draw) is not None:
+        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
     return record
 
 
 def lens_words(lens: Lens) -> str:
     """A lens in words, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
-    focus = f"at {lens.focus_at[0]},{lens.focus_at[1]}" if lens.focus_at else ""
-    if lens.foc_dist is not None:
-        focus = f"{length_text(lens.foc_dist)} {focus}".strip()
-    shape = f", {lens.blades} blades" if lens.blades else ""
-    sensor = length_text(lens.sensor_width)
-    return f"{length_text(lens.foclen)} f/{lens.fnum:g}, focus {focus}, sensor {sensor}{shape}"
+    return lens_record_words(lens_record(lens))
+
+
+def lens_record_words(lens: Mapping[str, Any]) -> str:
+    """The same of a lens in plain numbers."""
+    focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
+    if "focus_percentile" in lens:
+        focus = f"at {Percentile(lens['focus_percentile'])}"
+    if lens["focus_mm"] is not None:
+        focus = f"{length_text(float(lens['focus_mm']))} {focus}".strip()
+    shape = f", {lens['blades']} blades" if lens["blades"] else ""
+    foclen, sensor = (length_text(lens[f"{key}_mm"]) for key in ("focal_length", "sensor_width"))
+    return f"{foclen} f/{lens['fnumber']:g}, focus {focus}, sensor {sensor}{shape}"
 
 
 def plan_record(job: Job) -> dict[str, Any]:
@@ -123,42 +109,66 @@ def plan_line(job: Job) -> str:
     )
 
 
-def outcome_record(outcome: Outcome) -> dict[str, Any]:
-    """What a job read, did and wrote."""
+def outcome_record(
+    job: Job, record: Mapping[str, Any], result: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What a job read, did and wrote.
+
+    Args:
+        job: the job.
+        record: what the journal says of it.
+        result: what became of it now; empty if it was done before.
+    """
+    seconds = record["seconds"]
     return {
-        **plan_record(outcome.job),
-        "size": list(outcome.size),
-        "depth_note": outcome.depth_note,
-        "lens": lens_record(outcome.lens),
-        "coc_px": list(outcome.coc_px),
-        "device": outcome.device,
-        "quality": outcome.job.machine.quality,
-        "render_seconds": outcome.render_seconds,
-        "render_cpu_seconds": outcome.render_cpu_seconds,
-        "warnings": list(outcome.warnings),
-        "stats": dict(outcome.stats),
+        **plan_record(job),
+        "status": record["status"],
+        "reason": record["reason"],
+        "message": record["message"],
+        "done_before": not result,
+        "size": record["size"],
+        "depth_note": record["depth_note"],
+        "lens": record["lens"] or lens_record(job.lens),
+        "coc_px": record["coc_px"],
+        "device": record["device"],
+        "quality": record["quality"],
+        "render_seconds": seconds.get("render"),
+        "render_cpu_seconds": seconds.get("cpu"),
+        "warnings": record["warnings"],
+        "stats": result.get("stats", {}),
     }
 
 
-def outcome_lines(outcome: Outcome, *, verbose: bool) -> Iterator[str]:
+def outcome_lines(
+    job: Job, record: Mapping[str, Any], result: Mapping[str, Any], *, verbose: bool
+) -> Iterator[str]:
     """What a job did, in words: one line, one for each warning, and more if ``verbose``."""
-    width, height = outcome.size
-    near, far = outcome.coc_px
+    if record["status"] != "ok":
+        yield f"defocus: {record['message']}"
+        if verbose and "trace" in result:
+            yield result["trace"].rstrip()
+        return
+    (width, height), (near, far) = record["size"], record["coc_px"]
+    seconds = record["seconds"]
     yield (
-        f"{outcome.job.sample_id}: {width}x{height}, {lens_words(outcome.lens)}, "
-        f"CoC {near:.2f} to {far:.2f} px, {outcome.render_seconds:.2f} s -> "
-        f"{_written_words(outcome.job)}"
+        f"{job.sample_id}: {width}x{height}, {lens_record_words(record['lens'])}, "
+        f"CoC {near:.2f} to {far:.2f} px, {seconds['render']:.2f} s -> {_written_words(job)}"
     )
-    for warning in outcome.warnings:
-        yield f"{outcome.job.sample_id}: warning: {warning}"
+    for warning in record["warnings"]:
+        yield f"{job.sample_id}: warning: {warning}"
     if verbose:
-        yield f"  depth: {outcome.depth_note}"
+        yield f"  depth: {record['depth_note']}"
         yield (
-            f"  {outcome.device}, {outcome.job.machine.threads} threads, "
-            f"{outcome.job.machine.quality}, {outcome.render_cpu_seconds:.2f} CPU s"
+            f"  {record['device']}, {job.machine.threads} threads, {record['quality']}, "
+            f"{seconds['cpu']:.2f} CPU s"
         )
-        if outcome.stats:
-            yield "  " + ", ".join(f"{name} {value:.6g}" for name, value in outcome.stats.items())
+        if result["stats"]:
+            yield "  " + ", ".join(f"{name} {x:.6g}" for name, x in result["stats"].items())
+
+
+def done_before_line(job: Job) -> str:
+    """That a job was done before, in words."""
+    return f"{job.sample_id}: done before -> {_written_words(job)}"
 
 
 def _written_words(job: Job) -> str:

@@ -9,6 +9,16 @@ from defocus_core.aperture import Aperture
 from defocus_core.hidden import HiddenLayer
 from defocus_core.lens import DefocusLens
 from defocus_core.quality import QUALITIES
+from defocus_core.random_lens import RandomDefocus, RandomlyDefocused
 from defocus_core.render import Rendering, render
 
-__all__ = ["QUALITIES", "Aperture", "DefocusLens", "HiddenLayer", "Rendering", "render"]
+__all__ = [
+    "QUALITIES",
+    "Aperture",
+    "DefocusLens",
+    "HiddenLayer",
+    "RandomDefocus",
+    "RandomlyDefocused",
+    "Rendering",
+    "render",
+]

@@ -11,10 +11,11 @@ from torch import Tensor
 from defocus_core.backdrop import backdrop
 from defocus_core.frame import Frame
 from defocus_core.hidden import HiddenLayer
-from defocus_core.ramps import without_ramps
+from defocus_core.ramps import AROUND, without_ramps
 from defocus_core.region import Region
+from defocus_core.survey import bands
 from defocus_core.threads import threaded
-from defocus_core.tiling import Grid, regions
+from defocus_core.tiling import Box, Grid, regions
 
 
 def assembled(
@@ -32,16 +33,16 @@ def assembled(
 
     Args:
         frame: What holds for the whole picture.
-        pixels: [C, H, W], float32 or float64.
-        signed_radius: [H, W] px, of the same dtype.
+        pixels: [C, H, W], in any precision; the result has the same.
+        signed_radius: [H, W] px.
         hidden: What is known behind the visible surface.
         threads: As for `render`.
         progress: As for `render`.
     """
     beyond = None
     if frame.edges:
-        signed_radius = without_ramps(signed_radius)
-        beyond = backdrop(pixels, signed_radius, frame.limit, threads)
+        signed_radius = _without_ramps(signed_radius, threads)
+        beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads)
     rows = regions(frame.grid, frame.margin)
     grids = [grid for row in rows for grid in row]
     at_once = min(threads, len(grids))
@@ -60,13 +61,36 @@ def assembled(
         of_rows = [tiles[i : i + grid.columns] for i in range(0, len(tiles), grid.columns)]
         images, trust = (_joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
         counts.append(region.counts())
-        return images, trust
+        return images.to(pixels.dtype), trust.to(pixels.dtype)
 
     results = threaded(computed, grids, at_once)
-    by_row = [[next(results) for _ in row] for row in rows]
-    images, trust = (_joined([[r[kind] for r in row] for row in by_row]) for kind in (0, 1))
+    if torch.is_grad_enabled():
+        by_row = [[next(results) for _ in row] for row in rows]
+        images, trust = (_joined([[r[kind] for r in row] for row in by_row]) for kind in (0, 1))
+    else:
+        kinds = 3 if frame.left_right else 1
+        images = pixels.new_empty(kinds, *pixels.shape)
+        trust = pixels.new_empty(1, 1, *frame.size)
+        for grid, found in zip(grids, results, strict=True):
+            for whole, part in zip((images, trust), found, strict=True):
+                grid.box.of(whole).copy_(part)
     total = {name: sum(each[name] for each in counts) for name in counts[0]}
     return images, trust, {"slices": len(frame.radii), **total}
+
+
+def _without_ramps(signed_radius: Tensor, threads: int) -> Tensor:
+    """Radii [H, W] px with steps in the place of ramps, band by band."""
+    H, W = signed_radius.shape
+    frame = Box(0, 0, H, W)
+
+    def steepened(rows: tuple[int, int]) -> Tensor:
+        band = Box(rows[0], 0, rows[1] - rows[0], W)
+        around = band.grown(AROUND, frame)
+        given = around.of(signed_radius)
+        found = without_ramps(given)
+        return band.of(signed_radius) if found is given else band.seen_from(around).of(found)
+
+    return torch.cat(list(threaded(steepened, bands(H), threads)))
 
 
 def _joined(rows: list[list[Tensor]]) -> Tensor:

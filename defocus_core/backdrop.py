@@ -86,10 +86,6 @@ class Backdrop(NamedTuple):
         dtype = self.rank.dtype
         return shown.to(dtype) * self.grain, source.to(dtype) * self.grain
 
-    def to(self, dtype: torch.dtype) -> Backdrop:
-        """The same in another precision."""
-        return self._replace(values=self.values.to(dtype), rank=self.rank.to(dtype))
-
     def places(self, at: Tensor) -> Tensor:
         """Rows and columns [n, 2] of pixels, counted in pixels of a quarter of the resolution."""
         share = 0.5**COARSE
@@ -103,7 +99,11 @@ class Backdrop(NamedTuple):
 
 
 def backdrop(
-    pixels: Tensor, signed_radius: Tensor, limit: float = math.inf, threads: int = 1
+    pixels: Tensor,
+    signed_radius: Tensor,
+    limit: float = math.inf,
+    dtype: torch.dtype | None = None,
+    threads: int = 1,
 ) -> Backdrop:
     """Look at a picture coarsely.
 
@@ -111,9 +111,11 @@ def backdrop(
         pixels: [C, H, W] linear.
         signed_radius: [H, W] px.
         limit: What is brighter is a highlight, and not continued.
+        dtype: To compute in; None for that of the pixels.
         threads: Bands of rows looked at at once.
     """
     H, W = signed_radius.shape
+    dtype = dtype or pixels.dtype
     least, most = map(float, torch.aminmax(signed_radius.detach()))
     largest = min(max(-least, most, 1.0), _MOST)
     grain = 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
@@ -129,7 +131,11 @@ def backdrop(
         below = min(H, fine[0].middle + 4 * (last + 1) + fine[0].odd)
         band = Box(top, 0, below - top, W)
         sums, rank, cone, halved_rows, rows_now = _coarsely(
-            band.of(pixels), band.of(signed_radius), limit, grain, axes((H, W), top)
+            band.of(pixels).to(dtype),
+            band.of(signed_radius).to(dtype),
+            limit,
+            grain,
+            axes((H, W), top),
         )
         here = slice(first + rows_now, last + rows_now)
         start = 0 if rows[0] == 0 else 2 * first + halved_rows

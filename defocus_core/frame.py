@@ -13,6 +13,7 @@ from defocus_core.hidden import AROUND, HiddenLayer
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
 from defocus_core.slicing import evenly, layers, rungs
+from defocus_core.survey import survey
 from defocus_core.tiling import Box, Grid, grid_over
 from defocus_core.windows import Window, windows
 
@@ -38,7 +39,7 @@ class Frame:
         weights: The share of the aperture that each part is.
         left_right: Whether left and right are wanted.
         signed: Whether pixels are negative (colours outside the gamut).
-        double: Whether float32 would not do.
+        dtype: To compute in.
         limit: What exceeds this is a highlight.
         radii: Of the slices in px.
         reaches: Px that each spreads.
@@ -60,7 +61,7 @@ class Frame:
     weights: list[float]
     left_right: bool
     signed: bool
-    double: bool
+    dtype: torch.dtype
     limit: float
     radii: tuple[float, ...]
     reaches: list[int]
@@ -92,8 +93,13 @@ def frame_of(
     num_layers: int | None,
     psf_ks: int | None,
     hidden: HiddenLayer | None,
+    threads: int,
 ) -> Frame:
-    """Look at a picture as a whole; the arguments are those of `render`, for one picture."""
+    """Look at a picture as a whole; the arguments are those of `render`, for one picture.
+
+    Raises:
+        ValueError: If a value is not finite, or a CoC does not fit psf_ks.
+    """
     H, W = signed_radius.shape
     cells = parts(aperture, quality.parts)
     centre = len(cells)
@@ -101,24 +107,23 @@ def frame_of(
     if left_right and centre == 1:
         cells = [*cells, LEFT, RIGHT]
         groups.append(slice(1, 3))
-    r = signed_radius.detach()
-    least, most = map(float, torch.aminmax(r))
+    dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
+    seen = survey(pixels, signed_radius, dtype, threads)
+    least, most = seen.least, seen.most
     if hidden is not None and bool(hidden.mask.any()):
         known = hidden.signed_radius.detach()[hidden.mask]
         least, most = min(least, float(known.min())), max(most, float(known.max()))
     radii = _slice_radii(least, most, quality, num_layers, psf_ks)
     reaches = [reach(radius, max(H, W) - 1) for radius in radii]
     numbers = layers(radii, quality)
-    brightness = pixels.detach().amax(0)
-    limit = threshold(brightness)
-    double = _needs_double(brightness, limit)
+    limit = threshold(seen.brightness)
+    dtype = torch.float64 if _needs_double(seen.brightness, limit) else dtype
     grid = grid_over(H, W)
-    steps = [float(r.diff(dim=dim).abs().amax()) if r.shape[dim] > 1 else 0.0 for dim in (0, 1)]
-    edges = bool(max(steps) > 1)
+    edges = max(seen.steepest) > 1
     margin = _NEIGHBOURHOOD + max(reaches)
     if edges:
         margin += AROUND
-    if bool((brightness > limit).any()):
+    if bool((seen.brightness > limit).any()):
         margin = max(margin, reached_by(max(reaches)))
     return Frame(
         size=(H, W),
@@ -130,8 +135,8 @@ def frame_of(
         groups=groups,
         weights=[part_area(aperture, part) for part in cells],
         left_right=left_right,
-        signed=float(pixels.detach().amin()) < 0,
-        double=double,
+        signed=seen.darkest < 0,
+        dtype=dtype,
         limit=limit,
         radii=radii,
         reaches=reaches,
@@ -143,12 +148,12 @@ def frame_of(
             (grid.tiles[0].height, grid.tiles[0].width),
             aperture,
             cells,
-            torch.float64 if double else pixels.dtype,
+            dtype,
             pixels.device,
         ),
         stride=1 if num_layers else quality.hidden_stride,
         edges=edges,
-        tilted=steps[0] ** 2 + steps[1] ** 2 > quality.least_slope**2,
+        tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
     )
 

@@ -92,6 +92,7 @@ def plan(
         num_layers=None,
         psf_ks=None,
         hidden=None,
+        threads=1,
     )
     scene = Presence(frame, signed_radius.detach())
     work = _Work(scene)
@@ -99,7 +100,7 @@ def plan(
     around = [
         _area(grid, frame.margin, frame) + _area(grid, frame.farthest, frame) for grid in grids
     ]
-    pixels, parts, size = signed_radius.numel(), len(frame.parts), 8 if frame.double else 4
+    pixels, parts, size = signed_radius.numel(), len(frame.parts), frame.dtype.itemsize
     samples = (len(image) + 1) * size / 4
     discs, blocks = _lights(frame, image, signed_radius, grids, scene.visible)
     repeated = sum(around) / (2 * pixels)

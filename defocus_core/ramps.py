@@ -15,6 +15,8 @@ from torch import Tensor
 _STEEP = 1.5
 # Px over which the ends of a ramp are looked for.
 _WIDEST = 10
+# Px around a pixel that decide what it becomes.
+AROUND = _WIDEST + 2
 
 
 def without_ramps(signed_radius: Tensor) -> Tensor:

@@ -40,7 +40,7 @@ class Region:
         Args:
             frame: It is a part of.
             grid: Its tiles.
-            pixels: [C, H, W] of the frame.
+            pixels: [C, H, W] of the frame, in any precision.
             signed_radius: [H, W] px of the frame.
             known: What is known behind the visible surface of the frame.
             beyond: The frame seen coarsely; None if nothing in it is hidden.
@@ -56,13 +56,10 @@ class Region:
         self._spans = [spans.index(id(window)) for window in frame.windows]
         middle = axes(frame.size, outer.top, outer.left)
 
-        pixels, signed_radius = outer.of(pixels), outer.of(signed_radius)
+        pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
         if known is not None:
-            known = HiddenLayer(*map(outer.of, known))
-        if frame.double:
-            pixels, signed_radius = pixels.double(), signed_radius.double()
-            if known is not None:
-                known = HiddenLayer(known.color.double(), known.signed_radius.double(), known.mask)
+            color, radius, mask = map(outer.of, known)
+            known = HiddenLayer(color.to(frame.dtype), radius.to(frame.dtype), mask)
         pixels, highlights = split(pixels, signed_radius, frame.limit, middle)
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         self._visible = self._in_front(own, signed_radius)
@@ -70,7 +67,6 @@ class Region:
         self._known: Sliced | None = None
         self._invented: Sliced | None = None
         if beyond is not None:
-            beyond = beyond.to(pixels.dtype)
             hidden = hidden_layer(own.color, signed_radius, beyond, outer, self._inside)
             if hidden is not None:
                 invented = hidden.mask

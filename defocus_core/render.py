@@ -100,6 +100,7 @@ def render(
             num_layers=num_layers,
             psf_ks=psf_ks,
             hidden=known,
+            threads=threads,
         )
         images, trust, counts = assembled(
             frame, pixels, radius, hidden=known, threads=threads, progress=progress
@@ -107,15 +108,15 @@ def render(
         done.append(images)
         trusts.append(trust[0])
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
-    results = torch.stack(done, 1).to(image.dtype)
+    results = torch.stack(done, 1) if len(done) > 1 else done[0][:, None]
     centre, *pair = (pictures.reshape(image.shape) for pictures in results)
     left, right = pair or (None, None)
-    seen = torch.stack(trusts).to(image.dtype).reshape(*image.shape[:-3], 1, *image.shape[-2:])
+    seen = torch.stack(trusts).reshape(*image.shape[:-3], 1, *image.shape[-2:])
     return Rendering(centre, left, right, seen, stats)
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
-    """[B, C, H, W] pixels and [B, H, W] radii of one dtype, float32 at least."""
+    """[B, C, H, W] pixels and [B, H, W] radii."""
     if image.dim() not in (3, 4) or not image.is_floating_point():
         raise ValueError(
             f"image must be [B, C, H, W] or [C, H, W] of floats, got {image.dtype} "
@@ -131,18 +132,7 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
             f"signed_radius must be [B, 1, H, W] or [B, H, W] of the image "
             f"{tuple(image.shape)}, got {tuple(signed_radius.shape)}; resample depth by nearest"
         )
-    dtype = torch.promote_types(torch.promote_types(image.dtype, signed_radius.dtype), torch.float)
-    radii = signed_radius.to(image.device, dtype).reshape(count, *size)
-    pixels = pixels.to(dtype)
-    for name, values in (("signed_radius", radii), ("image", pixels)):
-        if not _finite(values):
-            raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    return pixels, radii
-
-
-def _finite(values: Tensor) -> bool:
-    """Whether all values are; their sum tells, unless it is too large itself."""
-    return bool(torch.isfinite(values.detach().sum())) or bool(torch.isfinite(values).all())
+    return pixels, signed_radius.to(image.device).reshape(count, *size)
 
 
 def _hidden(

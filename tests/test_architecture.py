@@ -16,6 +16,7 @@ CLI = sorted((ROOT / "defocus_cli").rglob("*.py"))
 # From the outside to the inside: a module imports from its own row or the rows below it.
 LAYERS = [
     {"__init__"},
+    {"random_lens"},
     {"lens", "planning", "verification"},
     {"checks"},
     {"render"},
@@ -23,7 +24,7 @@ LAYERS = [
     {"baselines", "presence", "region"},
     {"blur", "frame"},
     {"hidden", "highlights", "surface", "windows"},
-    {"backdrop"},
+    {"backdrop", "survey"},
     {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
     {"aperture", "metrics", "probes", "quality", "scenery", "slopes", "threads", "tiling"},
 ]

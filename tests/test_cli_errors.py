@@ -197,7 +197,7 @@ def test_a_lens_file_of_anything_else(
 
 
 def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, out: Path) -> None:
-    remedy = 'give --lens a TOML file, with lines like focal-length = "50mm"'
+    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     for path in (color, color.parent):
         refused_input(run("render", color, depth, "-o", out, "--lens", path), path, remedy)
     missing = color.parent / "none.toml"

@@ -108,6 +108,15 @@ def test_an_input_is_never_overwritten(tmp_path: Path) -> None:
         jobs_for([Picture("a", file, file)], Outputs(tmp_path, overwrite=True))
 
 
+def test_an_input_is_never_overwritten_by_another_name_of_it(tmp_path: Path) -> None:
+    file = touch(tmp_path / "out" / "render", "a.exr") / "a.exr"
+    (tmp_path / "linked").symlink_to(tmp_path / "out")
+    (tmp_path / "a.exr").symlink_to(file)
+    for root, color in (("linked", file), ("out", tmp_path / "a.exr")):
+        with pytest.raises(InputError, match="is an input"):
+            jobs_for([Picture("a", color, color)], Outputs(tmp_path / root, overwrite=True))
+
+
 def test_no_file_is_written_twice(tmp_path: Path) -> None:
     pictures = [Picture(stem, tmp_path / stem, tmp_path / "z") for stem in ("a", "a.preview")]
     with pytest.raises(InputError, match="written twice"):

@@ -13,7 +13,7 @@ import defocus_core
 from defocus_cli import depth, options
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
-from defocus_cli.lens_file import PARSERS
+from defocus_cli.lens_options import PARSERS
 
 
 def test_qualities_are_those_of_the_core() -> None:

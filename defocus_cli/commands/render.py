@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import click
 
-from defocus_cli import options, report, stats_table
+from defocus_cli import batch, batch_report, dry_runs, here, options, report
+from defocus_cli.how import How
 from defocus_cli.job import (
     Job,
     Lens,
@@ -14,10 +16,10 @@ from defocus_cli.job import (
     Outputs,
     Reading,
     find_pictures,
-    make_jobs,
     with_hidden,
 )
 from defocus_cli.option_types import FilePath
+from defocus_cli.plan import make_plan
 
 
 @click.command(
@@ -32,6 +34,7 @@ from defocus_cli.option_types import FilePath
 @options.hidden_option
 @options.reading_options
 @options.machine_options
+@options.check_inputs_option
 @options.json_option
 @options.verbose_option
 @options.stats_option
@@ -48,6 +51,7 @@ def command(
     hidden: tuple[Path, Path] | None,
     reading: Reading,
     machine: Machine,
+    check_inputs: str,
     as_json: bool,
     verbose: bool,
     stats: bool,
@@ -57,6 +61,10 @@ def command(
 
     COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
     COLOR is an EXR that holds both, or a directory of such.
+
+    OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
+    inputs, options and outputs are as they were are not rendered again. Files that the journal does
+    not know are refused.
 
     \b
     Kinds:
@@ -78,48 +86,20 @@ def command(
       defocus render frames/ depths/ -o out --lens 50mm.toml --dry-run
     """  # noqa: D301  click reads the backspace
     pictures = with_hidden(find_pictures(color, depth), color, hidden)
-    jobs = make_jobs(pictures, lens, reading=reading, outputs=outputs, machine=machine)
+    jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
+    how = functools.partial(How, read_inputs=check_inputs == "hash")
     if dry_run:
-        _plan(jobs, as_json)
+        dry_runs.tell(jobs, make_plan(jobs, outputs.root, how(here.execute)), as_json=as_json)
         return
-    records = _run(jobs, verbose=verbose, stats=stats)
+    told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
+    if len(jobs) > 1:
+        with told.bar("picture"):
+            summary = batch.carry_out(jobs, outputs.root, how(here.execute), told)
+    else:
+        with batch_report.tile_bar() as tile_count:
+            alone = here.execute_alone(tile_count)
+            summary = batch.carry_out(jobs, outputs.root, how(alone), told)
     if as_json:
+        records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
         report.print_json(dry_run=False, pictures=records)
-
-
-def _plan(jobs: list[Job], as_json: bool) -> None:
-    from defocus_cli import forecast
-
-    found = forecast.forecasts(jobs)
-    looked_at = list(found.values())
-    if as_json:
-        records = []
-        for number, job in enumerate(jobs):
-            told = {"forecast": forecast.record(found[number])} if number in found else {}
-            records.append({**report.plan_record(job), **told})
-        whole = forecast.total(looked_at, len(jobs))
-        report.print_json(dry_run=True, pictures=records, forecast=whole)
-        return
-    for number, job in enumerate(jobs):
-        click.echo(report.plan_line(job))
-        if number in found:
-            click.echo(forecast.line(found[number]))
-    for line in forecast.total_lines(looked_at, len(jobs)):
-        click.echo(line)
-
-
-def _run(jobs: list[Job], *, verbose: bool, stats: bool) -> list[dict[str, object]]:
-    from defocus_cli import engine
-
-    engine.load()
-    records = []
-    with report.progress(jobs) as (counted, tile_count):
-        for job in counted:
-            outcome = engine.run(job, tile_count)
-            for line in report.outcome_lines(outcome, verbose=verbose):
-                report.say(line)
-            if stats:
-                for line in stats_table.lines(outcome.stats):
-                    report.say(line)
-            records.append(report.outcome_record(outcome))
-    return records
+    batch_report.end(summary)

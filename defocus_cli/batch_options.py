@@ -1,0 +1,149 @@
+"""Options of the commands that carry out batches."""
+
+from __future__ import annotations
+
+import functools
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from defocus_cli.errors import UsageProblem
+from defocus_cli.how import Execute
+from defocus_cli.job import Job, Machine
+from defocus_cli.journal import Shard
+from defocus_cli.option_types import Quantity, option_name
+from defocus_cli.options import Command, cores, machine_option
+from defocus_cli.quantities import byte_count
+
+THREADS = 2  # of a process: more of them wait for one another, more processes take more memory
+_GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who computes.
+
+    Attributes:
+        scheduler: ``local``, or the address of a Dask scheduler.
+        processes: on this machine; None for as many as suit it.
+        threads: of each; None for what makes use of all cores.
+        device: auto, cpu or cuda.
+    """
+
+    scheduler: str
+    processes: int | None
+    threads: int | None
+    device: str
+
+    @property
+    def machine(self) -> Machine:
+        """What each job is told."""
+        return Machine(device=self.device, threads=self.threads or cores() // self.count or 1)
+
+    @property
+    def count(self) -> int:
+        """The number of processes: what threads leave of the cores, but one for a GPU."""
+        if self.processes is not None:
+            return self.processes
+        if self.device == "cuda" or (self.device == "auto" and any(map(_is_there, _GPUS))):
+            return 1
+        return max(1, cores() // (self.threads or THREADS))
+
+    def execute(self) -> Execute:
+        """What does jobs.
+
+        Raises:
+            UsageProblem: there is no such scheduler.
+        """
+        if self.scheduler == "local":
+            from defocus_cli.pool import execute_in
+
+            return execute_in(self.count)
+        from defocus_cli.dask_pool import execute_at
+
+        return execute_at(self.scheduler, threads=self.threads)
+
+
+def crew_options(command: Command) -> Command:
+    """Hand a command ``crew``: who computes."""
+
+    @functools.wraps(command)
+    def call(*args: Any, **params: Any) -> Any:
+        names = ("scheduler", "processes", "threads", "device")
+        return command(*args, crew=Crew(**{name: params.pop(name) for name in names}), **params)
+
+    optioned: Any = call
+    for option in reversed(
+        [
+            machine_option(
+                "--scheduler",
+                default="local",
+                show_default=True,
+                metavar="local|tcp://…",
+                help="Who does the jobs: processes of this machine, or a Dask scheduler "
+                "(pip install 'defocus[dask]').",
+            ),
+            machine_option(
+                "--processes",
+                type=click.IntRange(min=1),
+                metavar="N",
+                help="Processes on this machine.  [default: cores / threads; 1 with a GPU]",
+            ),
+            machine_option(
+                "--threads",
+                type=click.IntRange(min=1),
+                metavar="N",
+                help="Threads of each process.  [default: cores / processes]",
+            ),
+            machine_option(
+                "--device",
+                type=click.Choice(["auto", "cpu", "cuda"]),
+                default="auto",
+                show_default=True,
+                help="Where to compute; auto takes a GPU if there is one.",
+            ),
+        ]
+    ):
+        optioned = option(optioned)
+    decorated: Command = optioned
+    return decorated
+
+
+class ShardType(click.ParamType[Shard]):
+    """A part of a batch, written i/n."""
+
+    name = "shard"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Shard:
+        """Parse ``value``."""
+        if isinstance(value, Shard):
+            return value
+        found = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", str(value))
+        if not found or not 1 <= int(found[1]) <= int(found[2]):
+            problem = f"'{value}' is no part of a batch"
+            raise UsageProblem(option_name(param), problem, "write it like 2/8, from 1/8 to 8/8")
+        return Shard(int(found[1]), int(found[2]))
+
+
+def shards_size_option(command: Command) -> Command:
+    """Hand a command ``shards_size``: bytes, or None."""
+    return click.option(
+        "--shards-size",
+        type=Quantity(byte_count, "SIZE"),
+        metavar="SIZE",
+        help="When all is done, pack the samples into WebDataset tars of this size, like 1GB.",
+    )(command)
+
+
+def computed_by(jobs: list[Job], machine: Machine) -> list[Job]:
+    """The jobs, done by a machine; their quality stays."""
+    return [replace(job, machine=replace(machine, quality=job.machine.quality)) for job in jobs]
+
+
+def _is_there(name: str) -> bool:
+    return Path(name).exists()

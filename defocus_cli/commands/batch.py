@@ -1,0 +1,127 @@
+"""``defocus batch``: the jobs of a file, over nights and machines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli import aftermath, batch, batch_report, dry_runs, options, report
+from defocus_cli.batch_options import Crew, ShardType, crew_options, shards_size_option
+from defocus_cli.errors import UsageProblem
+from defocus_cli.how import How
+from defocus_cli.job import Job, Outputs
+from defocus_cli.jobs_file import read_jobs
+from defocus_cli.journal import Shard
+from defocus_cli.option_types import FilePath
+from defocus_cli.plan import make_plan
+
+
+@click.command(
+    "batch",
+    cls=options.GroupedCommand,
+    short_help="Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
+)
+@click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
+@click.option(
+    "-o",
+    "--out",
+    type=FilePath(),
+    required=True,
+    metavar="OUT",
+    help="Directory to write to, with the journal.",
+)
+@click.option("--shard", type=ShardType(), metavar="I/N", help="Do only the I-th of N parts.")
+@click.option(
+    "--limit", type=click.IntRange(min=1), metavar="N", help="Do at most N jobs and leave the rest."
+)
+@click.option(
+    "--keep-going/--fail-fast",
+    default=True,
+    show_default=True,
+    help="Whether the rest is done if a job fails.",
+)
+@click.option("--overwrite", is_flag=True, help="Do all again, whatever was done before.")
+@shards_size_option
+@click.option("--dry-run", is_flag=True, help="Say what is to do, in what time and space; stop.")
+@options.json_option
+@options.verbose_option
+@crew_options
+@options.check_inputs_option
+def command(
+    jobs_file: Path,
+    out: Path,
+    shard: Shard | None,
+    limit: int | None,
+    keep_going: bool,
+    overwrite: bool,
+    shards_size: int | None,
+    dry_run: bool,
+    as_json: bool,
+    verbose: bool,
+    crew: Crew,
+    check_inputs: str,
+) -> None:
+    """Do the jobs of JOBS.toml: each picture by each lens, to OUT/<kind>/<sample>.<ext>.
+
+    JOBS.toml says what a batch is made of; the README shows one. OUT/journal.jsonl has a line for
+    each job that came to an end. Whatever stops a batch, the same command goes on where it was:
+    what is done is not done again, unless its inputs, settings or outputs changed, or defocus did;
+    what failed is tried again. OUT/metadata.jsonl lists the samples when the batch has ended.
+
+    The first Ctrl-C finishes what is being rendered, the second stops at once.
+
+    Many machines that share a file system each do a part: --shard 1/8 to --shard 8/8, then
+    'defocus merge OUT'.
+
+    \b
+    Examples:
+      defocus batch jobs.toml -o out
+      defocus batch jobs.toml -o out --dry-run
+      defocus batch jobs.toml -o out --shard $SLURM_ARRAY_TASK_ID/8
+      defocus batch jobs.toml -o out --scheduler tcp://head:8786
+    """  # noqa: D301  click reads the backspace
+    if shard is not None and shards_size is not None:
+        problem = "needs the whole batch"
+        raise UsageProblem("--shards-size", problem, "give it to 'defocus merge'")
+    jobs = read_jobs(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
+    how = How(
+        crew.execute(),
+        shard=shard,
+        limit=limit,
+        fail_fast=not keep_going,
+        read_inputs=check_inputs == "hash",
+        spread=crew.count,
+    )
+    if dry_run:
+        plan = make_plan(jobs, out, how)
+        dry_runs.tell_batch(plan, crew.count, as_json=as_json, verbose=verbose)
+        return
+    carry_out(jobs, out, how, shards_size, as_json=as_json, verbose=verbose)
+
+
+def carry_out(
+    jobs: list[Job],
+    out: Path,
+    how: How,
+    shards_size: int | None,
+    *,
+    as_json: bool,
+    verbose: bool,
+) -> None:
+    """Do jobs, and tell.
+
+    Raises:
+        ClickException: not all could be done.
+    """
+    told = batch_report.Told(each=verbose, verbose=verbose)
+    with told.bar("job"):
+        summary = batch.carry_out(jobs, out, how, told)
+    written = []
+    if how.shard is None and not summary.interrupted:
+        written = aftermath.index(out, shards_size)
+    report.say(batch_report.summary_line(summary))
+    if as_json:
+        record = batch_report.summary_record(summary)
+        report.print_json(**record, written=[str(path) for path in written])
+    batch_report.end(summary)

@@ -1,0 +1,37 @@
+"""``defocus merge``: one journal of those of the shards of a batch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli import aftermath, merging, options, report
+from defocus_cli.batch_options import shards_size_option
+from defocus_cli.option_types import FilePath
+
+
+@click.command(
+    "merge", cls=options.GroupedCommand, short_help="Make one journal of those of all shards."
+)
+@click.argument("out", type=FilePath())
+@shards_size_option
+@options.json_option
+def command(out: Path, shards_size: int | None, as_json: bool) -> None:
+    """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.
+
+    What comes of it is what a single run would have left. No shard may be running.
+
+    \b
+    Examples:
+      defocus merge out
+      defocus merge out --shards-size 1GB
+    """  # noqa: D301  click reads the backspace
+    merged = merging.merge(out)
+    written = aftermath.index(out, shards_size)
+    report.say(f"{out}: {merged.jobs} jobs, from {merged.journals} journals of shards")
+    if merged.missing:
+        report.say(f"{out}: warning: no journal of shards {', '.join(merged.missing)}")
+    if as_json:
+        told = {"jobs": merged.jobs, "journals": merged.journals, "missing": merged.missing}
+        report.print_json(**told, written=[str(path) for path in written])

@@ -1,0 +1,43 @@
+"""``defocus status``: how far a batch has come."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli import batch_report, options, report
+from defocus_cli.option_types import FilePath
+from defocus_cli.progress import progress
+
+
+@click.command(
+    "status", cls=options.GroupedCommand, short_help="Say how far the batch in a directory is."
+)
+@click.argument("out", type=FilePath())
+@click.option(
+    "--failures",
+    type=click.IntRange(min=0),
+    default=10,
+    show_default=True,
+    metavar="N",
+    help="Name at most N jobs that failed or were rejected, the last ones.",
+)
+@options.json_option
+def command(out: Path, failures: int, as_json: bool) -> None:
+    """Say how many jobs of the batch in OUT are done, how many failed and why, and when it ends.
+
+    It looks at the journal alone, and may be asked while the batch runs.
+
+    \b
+    Examples:
+      defocus status out
+      defocus status out --json
+      jq -r 'select(.status == "failed") | .message' out/journal.jsonl
+    """  # noqa: D301  click reads the backspace
+    found = progress(out)
+    if as_json:
+        report.print_json(**batch_report.progress_record(found, failures))
+        return
+    for line in batch_report.progress_lines(out, found, failures):
+        click.echo(line)

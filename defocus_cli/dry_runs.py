@@ -1,0 +1,102 @@
+"""What a dry run tells: what would be read and written, how long it takes and how much space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from defocus_cli import report
+from defocus_cli.job import MAP_KINDS, Job
+from defocus_cli.plan import Plan
+
+if TYPE_CHECKING:
+    from defocus_cli.forecast import Forecast
+
+# Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
+_PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
+_MAP_BYTES, _PREVIEW_BYTES = 2.4, 1.5
+
+
+def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
+    """Say it of each job; of those that are to do, some are looked at.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: the options make no sense for a picture or this machine.
+    """
+    from defocus_cli import forecast
+
+    todo = [job for job, _ in plan.todo]
+    done = {job for job, _ in plan.settled}
+    found = forecast.forecasts(todo) if todo else {}
+    by_job = {todo[number]: each for number, each in found.items()}
+    looked_at = list(found.values())
+    if as_json:
+        records = []
+        for job in jobs:
+            told = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
+            records.append({**report.plan_record(job), "done_before": job in done, **told})
+        whole = forecast.total(looked_at, len(todo)) if todo else None
+        report.print_json(dry_run=True, pictures=records, forecast=whole)
+        return
+    for job in jobs:
+        click.echo(report.done_before_line(job) if job in done else report.plan_line(job))
+        if job in by_job:
+            click.echo(forecast.line(by_job[job]))
+    for line in forecast.total_lines(looked_at, len(todo)) if todo else ():
+        click.echo(line)
+
+
+def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:
+    """Say it of a batch, in few lines; of each job if ``verbose``.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: the options make no sense for a picture or this machine.
+    """
+    from defocus_cli import forecast
+
+    todo = [job for job, _ in plan.todo]
+    found = list(forecast.forecasts(todo).values()) if todo else []
+    whole = forecast.total(found, len(todo)) if todo else None
+    size = round(_bytes(plan, found)) if todo else 0
+    if as_json:
+        report.print_json(
+            dry_run=True,
+            jobs=len(plan.settled) + len(todo) + plan.beyond,
+            done_before=len(plan.settled),
+            todo=len(todo),
+            beyond_limit=plan.beyond,
+            processes=processes,
+            forecast=whole,
+            bytes=size,
+            samples=[report.plan_record(job) for job in todo],
+        )
+        return
+    for job in todo if verbose else ():
+        click.echo(report.plan_line(job))
+    beyond = f", {plan.beyond} beyond the limit" if plan.beyond else ""
+    click.echo(f"{len(plan.settled)} jobs done before, {len(todo)} to do{beyond}")
+    if whole is not None:
+        seconds = whole["render_seconds"] / processes
+        few = f", going by {len(found)} of them" if len(found) < len(todo) else ""
+        click.echo(
+            f"about {forecast.duration(seconds)} in {processes} processes, {size / 2**30:.2f} GB "
+            f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
+        )
+
+
+def _bytes(plan: Plan, found: Sequence[Forecast]) -> float:
+    """What the jobs to do will write, going by what those done before have written, if any."""
+    pixels = sum(each.size[0] * each.size[1] for each in found) / len(found) * len(plan.todo)
+    done = [record for _, record in plan.settled if record["status"] == "ok"]
+    if done:
+        written = sum(output["size"] for one in done for output in one["outputs"].values())
+        pixels_done = sum(one["size"][0] * one["size"][1] for one in done)
+        return float(pixels * written / pixels_done)
+    outputs = plan.todo[0][0].outputs
+    image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
+    each = (_MAP_BYTES if kind in MAP_KINDS else image for kind in outputs.kinds)
+    return pixels * (sum(each) + outputs.preview * len(outputs.kinds) * _PREVIEW_BYTES)

@@ -1,0 +1,135 @@
+"""What a lens is once the depth is known: where its focus lies, and how large its blur gets.
+
+A lens that was drawn at random and does not suit the picture is drawn again, `DRAWS` times in all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+from defocus_cli.errors import InputError, UsageProblem, reason
+from defocus_cli.job import Lens
+from defocus_cli.lens_file import lens_of, refuse_near_focus
+from defocus_cli.quantities import Percentile, length_text
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_cli.depth import Depth
+
+MM_PER_M = 1000.0
+DRAWS = 100
+
+
+class Rejected(InputError):  # noqa: N818 - it is no error of the user's
+    """A picture that a lens cannot take as asked; ``code`` says why, for programs."""
+
+    def __init__(self, subject: object, problem: str, remedy: str = "", code: str = "") -> None:
+        super().__init__(str(subject), problem, remedy)
+        self.code = code
+
+    def __reduce__(self) -> tuple[type[Rejected], tuple[str, str, str, str]]:  # type: ignore[override]
+        return type(self), (self.subject, self.problem, self.remedy, self.code)
+
+
+def focused(lens: Lens, depth: Depth) -> Lens:
+    """The lens with its focus distance known, and drawn anew where it did not suit the picture.
+
+    Raises:
+        UsageProblem: the focus lies outside the picture, or too near.
+        Rejected: the blur would be larger than ``max_coc``, or the depth holds nothing to focus on.
+    """
+    for attempt in range(DRAWS):
+        try:
+            return _suited(_found(_drawn(lens, attempt), depth), depth)
+        except Rejected as error:
+            if lens.draw is None:
+                raise
+            rejected = error
+    problem = f"{rejected.problem}, with the last of {DRAWS} lenses drawn for it"
+    raise Rejected(rejected.subject, problem, rejected.remedy, rejected.code)
+
+
+def signed_radius(
+    lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
+    import torch
+
+    from defocus_core import DefocusLens
+
+    width, height = size
+    sensor = (lens.sensor_width, lens.sensor_width * height / width)
+    depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
+    try:
+        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
+        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+    except ValueError as error:
+        raise UsageProblem("--focus", reason(error), "check the lens options") from error
+    radius: NDArray[np.float32] = thin.signed_radius(depth_mm).float().numpy()
+    return radius
+
+
+def _drawn(lens: Lens, attempt: int) -> Lens:
+    if lens.draw is None or attempt == 0:
+        return lens
+    draw = dataclasses.replace(lens.draw, attempt=attempt)
+    return dataclasses.replace(lens_of(draw.values()), max_coc=lens.max_coc, draw=draw)
+
+
+def _found(lens: Lens, depth: Depth) -> Lens:
+    """The lens with the focus distance that the depth decides."""
+    if lens.focus_at is not None:
+        return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
+    if lens.focus_percentile is not None:
+        return dataclasses.replace(lens, foc_dist=_at_percentile(lens, depth))
+    return lens
+
+
+def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
+    (x, y), (height, width) = pixel, depth.metres.shape
+    if not (0 <= x < width and 0 <= y < height):
+        raise UsageProblem(
+            "--focus-at",
+            f"{x},{y} lies outside {depth.path} of {width}x{height} px",
+            f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
+        )
+    foc_dist = float(depth.metres[y, x]) * MM_PER_M
+    refuse_near_focus(foc_dist, lens.foclen, f"--focus-at: {depth.path} at {x},{y}")
+    return foc_dist
+
+
+def _at_percentile(lens: Lens, depth: Depth) -> float:
+    import numpy as np
+
+    assert lens.focus_percentile is not None
+    solid = depth.metres[np.isfinite(depth.metres) & ~depth.invalid]
+    if not solid.size:
+        remedy = "give the focus as a distance"
+        raise Rejected(depth.path, "is all sky, with nothing to focus on", remedy, "no-valid-depth")
+    # A distance that some pixel has: between two surfaces there is nothing to focus on.
+    metres = np.percentile(solid, lens.focus_percentile, method="inverted_cdf")
+    foc_dist = float(metres) * MM_PER_M
+    if foc_dist <= lens.foclen:
+        where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
+        problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"
+        raise Rejected(depth.path, problem, "focus farther away", "focus-too-near")
+    return foc_dist
+
+
+def _suited(lens: Lens, depth: Depth) -> Lens:
+    """The lens, unless its blur is larger than it may be in this picture."""
+    import numpy as np
+
+    if lens.max_coc is None:
+        return lens
+    height, width = depth.metres.shape
+    extremes = np.array([depth.metres.min(), depth.metres.max()])
+    radius = float(np.abs(signed_radius(lens, extremes, (width, height))).max())
+    if radius > lens.max_coc:
+        problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
+        raise Rejected(depth.path, problem, "allow a larger max-coc", "coc-too-large")
+    return lens

@@ -1,0 +1,75 @@
+"""What the journals of OUT know: which job made which files, and what became of each job."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from defocus_cli import identity
+from defocus_cli.job import Job
+from defocus_cli.journal import Record
+
+
+class File(NamedTuple):
+    """A file that a job wrote: what was recorded of it."""
+
+    stamp: Mapping[str, Any]
+    recipe: str
+
+
+class Ledger:
+    """The journals of OUT, read.
+
+    A record speaks of all files that its job writes; of records that speak of the same file the
+    last holds. One of whose files none is its own any more is superseded.
+    """
+
+    def __init__(self, out: Path, records: Iterable[Record]) -> None:
+        self.out = out
+        self.files: dict[str, File] = {}
+        self._last: dict[str, Record] = {}
+        for record in records:
+            for stamp in record["outputs"].values():
+                self._last[stamp["path"]] = record
+                if record["status"] == "ok":
+                    self.files[stamp["path"]] = File(stamp, record["recipe"])
+
+    @property
+    def live(self) -> list[Record]:
+        """The records that are not superseded, oldest first."""
+        return list({id(record): record for record in self._last.values()}.values())
+
+    def settled(self, job: Job, *, recipe: str, read_inputs: bool) -> Record | None:
+        """The record by which a job need not be done again; None if it has to be.
+
+        That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
+        rejection of the same recipe with the same inputs.
+
+        Args:
+            job: the job.
+            recipe: its recipe.
+            read_inputs: compare the bytes of the inputs, not only size and time.
+        """
+        planned = job.names
+        records = [self._last.get(path) for path in planned.values()]
+        record = records[0] if records else None
+        if record is None or any(other is not record for other in records):
+            return None
+        if record["status"] == "failed" or record["recipe"] != recipe:
+            return None
+        for role, path in identity.sources(job.picture).items():
+            stamp = record["inputs"].get(role, {})
+            if not path.exists() and record["status"] == "ok":
+                continue  # what is gone cannot make anything else of the outputs
+            if not identity.unchanged(path, stamp, read=read_inputs):
+                return None
+        if record["status"] == "ok" and not self._in_place(record, planned):
+            return None
+        return record
+
+    def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
+        outputs = record["outputs"]
+        return set(outputs) == set(planned) and all(
+            identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
+        )

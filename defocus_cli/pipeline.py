@@ -1,0 +1,116 @@
+"""Reading ahead, rendering, writing behind.
+
+Each picture is computed while the next one is decoded and the one before is encoded. At most one
+picture waits to be computed and one to be written, whatever the number of jobs.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from queue import SimpleQueue
+
+from defocus_cli import work
+from defocus_cli.job import Job
+from defocus_cli.work import Computed, Ready, Result, TileCount
+
+Numbered = tuple[int, Job]
+Done = Callable[[int, Result], None]
+_WAIT = 60.0  # seconds for a write to come to its end when all else has stopped
+
+
+def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None) -> None:
+    """Do jobs in their order.
+
+    Args:
+        jobs: numbered; asked for the next one, on a thread of its own, before the last is done.
+        done: called with number and result of each as soon as it is durable, on another thread
+            or on this one, one at a time.
+        progress: called with (tiles done, tiles in all) of the picture that is being computed.
+
+    Raises:
+        Exception: what ``jobs`` or ``done`` raised.
+    """
+    ahead, behind = _Ahead(jobs), _Behind(done)
+    try:
+        for number, ready in ahead:
+            behind.put(number, ready.result or work.compute(ready, progress))
+    finally:
+        ahead.stop()
+        behind.close()
+    behind.check()
+
+
+class _Ahead:
+    """Jobs whose inputs are decoded, one of them before it is asked for."""
+
+    def __init__(self, jobs: Iterable[Numbered]) -> None:
+        self._jobs = jobs
+        self._room = threading.Semaphore(1)
+        self._queue: SimpleQueue[tuple[int, Ready] | BaseException | None] = SimpleQueue()
+        self._stopped = False
+        threading.Thread(target=self._read, name="reader", daemon=True).start()
+
+    def __iter__(self) -> Iterator[tuple[int, Ready]]:
+        while (item := self._queue.get()) is not None:
+            if isinstance(item, BaseException):
+                raise item
+            self._room.release()
+            yield item
+
+    def stop(self) -> None:
+        """Read nothing more."""
+        self._stopped = True
+        self._room.release()
+
+    def _read(self) -> None:
+        reader = work.Reader()
+        try:
+            for number, job in self._jobs:
+                self._room.acquire()
+                if self._stopped:
+                    return
+                self._queue.put((number, reader.read(job)))
+        except BaseException as error:
+            self._queue.put(error)
+        finally:
+            self._queue.put(None)
+
+
+class _Behind:
+    """Writes what is computed, on a thread; whoever brings the next waits for it."""
+
+    def __init__(self, done: Done) -> None:
+        self._done = done
+        self._room = threading.Semaphore(1)
+        self._queue: SimpleQueue[tuple[int, Computed | Result] | None] = SimpleQueue()
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._write, name="writer", daemon=True)
+        self._thread.start()
+
+    def put(self, number: int, computed: Computed | Result) -> None:
+        self._room.acquire()
+        self.check()
+        self._queue.put((number, computed))
+
+    def check(self) -> None:
+        """Raise what ``done`` raised."""
+        if self._error is not None:
+            raise self._error
+
+    def close(self) -> None:
+        """Wait until all is written."""
+        self._queue.put(None)
+        self._thread.join(_WAIT)
+
+    def _write(self) -> None:
+        while (item := self._queue.get()) is not None:
+            number, computed = item
+            try:
+                result = work.write(computed) if isinstance(computed, Computed) else computed
+                del computed, item
+                self._done(number, result)
+            except BaseException as error:
+                self._error = error
+            finally:
+                self._room.release()

@@ -1,0 +1,73 @@
+"""What of a batch is done already, and what is left to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from defocus_cli import identity, undertaking
+from defocus_cli.how import How
+from defocus_cli.job import Job
+from defocus_cli.journal import Record, Shard, read_all
+from defocus_cli.ledger import Ledger
+from defocus_cli.placement import refuse_misplaced, refuse_unknown
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The jobs of a batch, sorted.
+
+    Attributes:
+        todo: jobs to do, and the recipe of each.
+        settled: jobs that are done, or rejected, and what the journal says of them.
+        beyond: how many jobs the limit puts off.
+        changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
+            that are no longer as they were.
+        begun: files that a run which did not end was about to write.
+    """
+
+    todo: list[tuple[Job, str]]
+    settled: list[tuple[Job, Record]]
+    beyond: int
+    changed: int
+    begun: frozenset[str]
+
+
+def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
+    """Sort the jobs of a batch into those that are done and those that are to do.
+
+    Raises:
+        InputError: a journal is broken, or a job would write where it must not.
+    """
+    refuse_misplaced(jobs)
+    ledger = Ledger(out, read_all(out))
+    begun = undertaking.begun(out)
+    todo: list[tuple[Job, str]] = []
+    settled: list[tuple[Job, Record]] = []
+    changed = 0
+    for job in jobs if how.shard is None else _part(jobs, how.shard):
+        recipe = identity.recipe(job)
+        record = None
+        if not (how.again or job.outputs.overwrite):
+            record = ledger.settled(job, recipe=recipe, read_inputs=how.read_inputs)
+        if record is not None:
+            settled.append((job, record))
+            continue
+        todo.append((job, recipe))
+        changed += any(name in ledger.files for name in job.names.values())
+    now = todo if how.limit is None else todo[: how.limit]
+    refuse_unknown([job for job, _ in now], ledger.files.keys() | begun)
+    unknown = frozenset(begun - ledger.files.keys())
+    return Plan(now, settled, len(todo) - len(now), changed, unknown)
+
+
+def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:
+    """The jobs of a shard: every n-th picture, with all its lenses."""
+    part, picture, place = [], None, -1
+    for job in jobs:
+        if job.picture != picture:
+            picture, place = job.picture, place + 1
+        if place % shard.of == shard.number - 1:
+            part.append(job)
+    return part

@@ -1,0 +1,124 @@
+"""What a run set out to do, kept beside the journal until it is done: ``OUT/.journal.run``.
+
+Its first line says how many jobs there are; each further line names files that a job is about to
+write. A process that is killed between writing them and saying so in the journal leaves them here:
+they are ours, though no journal knows them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from defocus_cli.files import unwritable, written_whole
+from defocus_cli.job import KINDS
+from defocus_cli.journal import Shard
+
+_LEFTOVER = re.compile(r"\..+\.\d+(\.\d+\.tmp|\.before)")
+
+
+def run_path(out: Path, shard: Shard | None = None) -> Path:
+    """The file of a run on OUT, or on a shard."""
+    return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
+
+
+def plans(out: Path) -> list[dict[str, Any]]:
+    """What the runs on OUT set out to do that are at it or did not get to their end."""
+    return [plan for path in sorted(out.glob(".journal*.run")) for plan in _lines(path)[:1]]
+
+
+def plan_of(out: Path, shard: Shard | None) -> dict[str, Any] | None:
+    """What the run on OUT, or on a shard, set out to do; None if it got to its end."""
+    return next(iter(_lines(run_path(out, shard))), None)
+
+
+def begun(out: Path) -> set[str]:
+    """Files that a run was about to write, relative to OUT, and that no journal may know."""
+    return {
+        name
+        for path in sorted(out.glob(".journal*.run"))
+        for line in _lines(path)[1:]
+        for name in line.get("files", ())
+    }
+
+
+class Undertaking:
+    """The run of this process.
+
+    Args:
+        path: of the file.
+        plan: what it sets out to do.
+        before: files of an earlier run that are still ours to replace.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, plan: Mapping[str, Any], before: Iterable[str]) -> None:
+        self.path, self.plan = path, plan
+        self._write(sorted(before))
+        try:
+            self._number = os.open(path, os.O_WRONLY | os.O_APPEND)
+        except OSError as error:
+            raise unwritable(path, error) from error
+
+    def begin(self, files: Iterable[str]) -> None:
+        """Say that these files are about to be written.
+
+        Raises:
+            InputError: it cannot be said, so they must not be.
+        """
+        try:
+            os.write(self._number, _line({"files": list(files)}))
+            os.fdatasync(self._number)
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+    def end(self, *, done: bool, settled: bool = False) -> None:
+        """Forget what there is no need to remember.
+
+        Args:
+            done: nothing is left to do.
+            settled: the journal knows of all that was begun.
+        """
+        with suppress(OSError):
+            os.close(self._number)
+            if done:
+                self.path.unlink()
+            elif settled:
+                self._write(())
+
+    def _write(self, files: Iterable[str]) -> None:
+        with written_whole(self.path) as file:
+            file.write(_line(self.plan))
+            names = list(files)
+            if names:
+                file.write(_line({"files": names}))
+
+
+def sweep_up(out: Path) -> None:
+    """Remove what processes left half-written that were killed. Nobody else may write to OUT."""
+    for folder in (out, *(out / kind for kind in KINDS)):
+        with suppress(OSError):
+            for entry in os.scandir(folder):
+                if _LEFTOVER.fullmatch(entry.name):
+                    Path(entry.path).unlink(missing_ok=True)
+
+
+def _line(value: Mapping[str, Any]) -> bytes:
+    return json.dumps(value).encode() + b"\n"
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    """The lines of a file, less one that is torn."""
+    found = []
+    with suppress(OSError):
+        for line in path.read_bytes().split(b"\n"):
+            with suppress(ValueError):
+                found.append(json.loads(line))
+    return found

@@ -1,0 +1,239 @@
+"""A random lens for each picture of a batch: data augmentation that obeys the laws of the lens.
+
+A sample's lens depends on its seed and its depth alone, not on the batch, the device or the
+process that it is computed in. Lengths are in mm, radii in px.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.aperture import Aperture
+from defocus_core.lens import DefocusLens
+from defocus_core.quality import find
+from defocus_core.render import render
+
+Range = tuple[float, float]
+
+
+class RandomlyDefocused(NamedTuple):
+    """What `RandomDefocus` returns; the lenses' values are [B] on the CPU, in float64.
+
+    Attributes:
+        render: The defocused images, [B, C, H, W].
+        left: As seen through the lens half u.x < 0, None if not asked for.
+        right: As seen through the lens half u.x >= 0, None if not asked for.
+        signed_radius: Of the circle of confusion in px, [B, 1, H, W].
+        foclen: Focal lengths in mm.
+        fnum: F-numbers.
+        foc_dist: Distances in focus in mm, inf where all is sky.
+        blades: Blades of the aperture, 0 for a round one.
+        blade_rotation: Angle of a blade's vertex in degrees.
+    """
+
+    render: Tensor
+    left: Tensor | None
+    right: Tensor | None
+    signed_radius: Tensor
+    foclen: Tensor
+    fnum: Tensor
+    foc_dist: Tensor
+    blades: Tensor
+    blade_rotation: Tensor
+
+
+class _Lens(NamedTuple):
+    foclen: float
+    fnum: float
+    foc_dist: float
+    blades: int
+    blade_rotation: float
+
+
+class RandomDefocus(torch.nn.Module):
+    """Defocuses each picture of a batch with a lens of its own, drawn from ranges by a seed.
+
+    Focal length and f-number are drawn uniformly in the logarithm, the focus uniformly in the
+    percentile of the depth that is not sky, blades from a list, their rotation from the full turn.
+    A range with equal ends fixes a value. Gradients flow to image and depth.
+    """
+
+    def __init__(
+        self,
+        *,
+        foclen: Range = (24.0, 85.0),
+        fnum: Range = (1.4, 16.0),
+        focus_percentile: Range = (5.0, 95.0),
+        blades: Sequence[int] = (0, 5, 6, 7, 8, 9),
+        sensor_width: float = 36.0,
+        max_radius: float | None = None,
+        left_right: bool = False,
+        quality: str = "standard",
+        threads: int = 1,
+    ) -> None:
+        """Say what lenses are drawn from.
+
+        Args:
+            foclen: Least and greatest focal length in mm.
+            fnum: Least and greatest f-number.
+            focus_percentile: Least and greatest percentile of the depth to focus on, 0 to 100.
+            blades: Numbers of blades to choose from; 0 is a round aperture.
+            sensor_width: Width of the sensor in mm, whatever the size of the picture.
+            max_radius: Greatest radius of the blur in px: the f-number is raised, beyond its range
+                if need be, until no pixel exceeds it. None for no bound.
+            left_right: Whether to return the dual-pixel pair too.
+            quality: As for `render`.
+            threads: As for `render`.
+
+        Raises:
+            ValueError: If a range or a value makes no sense.
+        """
+        super().__init__()
+        for name, (low, high) in (("foclen", foclen), ("fnum", fnum)):
+            if not 0 < low <= high < math.inf:
+                raise ValueError(_wrong_range(name, (low, high), "above 0"))
+        if not 0 <= focus_percentile[0] <= focus_percentile[1] <= 100:
+            raise ValueError(_wrong_range("focus_percentile", focus_percentile, "from 0 to 100"))
+        for name, value in (("sensor_width", sensor_width), ("max_radius", max_radius)):
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(f"{name} must be positive and finite, got {value}")
+        if not blades:
+            raise ValueError("blades must hold a number to choose, got none; (0,) is round")
+        for count in blades:
+            Aperture(count)
+        find(quality)
+        self.foclen = foclen
+        self.fnum = fnum
+        self.focus_percentile = focus_percentile
+        self.blades = tuple(blades)
+        self.sensor_width = sensor_width
+        self.max_radius = max_radius
+        self.left_right = left_right
+        self.quality = quality
+        self.threads = threads
+
+    def forward(
+        self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
+    ) -> RandomlyDefocused:
+        """Defocus a batch.
+
+        Args:
+            image: [B, C, H, W], scene-linear.
+            depth: [B, 1, H, W] or [B, H, W], planar depth in mm, > 0, inf for the sky.
+            seeds: A whole number for each picture, or a generator to draw them from.
+
+        Returns:
+            The pictures, their radii and their lenses.
+
+        Raises:
+            ValueError: If shapes disagree, a depth is NaN or not positive, or so near that the lens
+                drawn cannot focus on it.
+        """
+        planes = _planes(image, depth)
+        numbers = _seeds(seeds, len(image))
+        lenses = [self._draw(*pair) for pair in zip(planes, numbers, strict=True)]
+        radii = [self._radius(*pair) for pair in zip(planes, lenses, strict=True)]
+        done = [
+            render(
+                picture,
+                radius,
+                aperture=Aperture(lens.blades, lens.blade_rotation),
+                quality=self.quality,
+                left_right=self.left_right,
+                threads=self.threads,
+            )
+            for picture, radius, lens in zip(image, radii, lenses, strict=True)
+        ]
+        sides: tuple[Tensor | None, Tensor | None] = (None, None)
+        if self.left_right:
+            sides = _stacked([one.left for one in done]), _stacked([one.right for one in done])
+        drawn = [torch.tensor(values, dtype=torch.float64) for values in zip(*lenses, strict=True)]
+        return RandomlyDefocused(
+            torch.stack([one.render for one in done]), *sides, torch.stack(radii)[:, None], *drawn
+        )
+
+    def _draw(self, depth: Tensor, seed: int) -> _Lens:
+        """The lens of a seed, for a depth map [H, W]."""
+        generator = torch.Generator().manual_seed(seed)
+        shares = torch.rand(5, generator=generator, dtype=torch.float64).tolist()
+        foclen = _logarithmic(self.foclen, shares[0])
+        fnum = _logarithmic(self.fnum, shares[1])
+        low, high = self.focus_percentile
+        foc_dist = _percentile(depth.detach(), low + (high - low) * shares[2])
+        blades = self.blades[int(shares[3] * len(self.blades))]
+        lens = _Lens(foclen, fnum, foc_dist, blades, 360.0 * shares[4])
+        if self.max_radius is None:
+            return lens
+        extremes = torch.stack([depth.detach().min(), depth.detach().max()]).double()[None]
+        greatest = float(self._radius(extremes, lens, depth.shape).abs().max())
+        return lens._replace(fnum=fnum * max(1.0, greatest / self.max_radius))
+
+    def _radius(self, depth: Tensor, lens: _Lens, size: torch.Size | None = None) -> Tensor:
+        """Signed radii in px of depths of a picture of ``size`` [H, W], the depths' own if None."""
+        height, width = size or depth.shape
+        thin = DefocusLens(
+            lens.foclen,
+            lens.fnum,
+            (self.sensor_width, self.sensor_width * height / width),
+            (width, height),
+        )
+        thin.refocus(lens.foc_dist)
+        return thin.signed_radius(depth)
+
+
+def _planes(image: Tensor, depth: Tensor) -> Tensor:
+    """Depth [B, H, W], once it is known to agree with the image."""
+    if image.ndim != 4 or not image.is_floating_point():
+        raise ValueError(
+            f"image must be floating point [B, C, H, W], got {image.dtype} {list(image.shape)}; "
+            "one image is image[None]"
+        )
+    batch, _, height, width = image.shape
+    planes = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
+    if planes.shape != (batch, height, width):
+        raise ValueError(
+            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
+            f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
+        )
+    return planes
+
+
+def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:
+    if isinstance(seeds, torch.Generator):
+        device = seeds.device
+        drawn = torch.randint(2**63 - 1, (count,), generator=seeds, device=device)
+        return [int(seed) for seed in drawn]
+    numbers = [int(seed) for seed in seeds]
+    if len(numbers) != count:
+        raise ValueError(
+            f"seeds must be one whole number for each of {count} pictures, got {len(numbers)}; "
+            "the indices of the samples will do"
+        )
+    return numbers
+
+
+def _percentile(depth: Tensor, percent: float) -> float:
+    """The distance of a pixel that so many percent of those that are not sky do not exceed."""
+    solid = depth[torch.isfinite(depth)]
+    if not solid.numel():
+        return math.inf
+    rank = math.ceil(percent / 100 * solid.numel())
+    return float(torch.kthvalue(solid, max(rank, 1))[0])
+
+
+def _logarithmic(ends: Range, share: float) -> float:
+    low, high = ends
+    return low * math.pow(high / low, share)
+
+
+def _stacked(pictures: Sequence[Tensor | None]) -> Tensor:
+    return torch.stack([picture for picture in pictures if picture is not None])
+
+
+def _wrong_range(name: str, ends: Range, where: str) -> str:
+    return f"{name} must be (low, high) {where}, got {ends}; equal ends fix the value"

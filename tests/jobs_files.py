@@ -1,0 +1,37 @@
+"""Jobs files for the tests, and what is read from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from defocus_cli.job import Job, Machine, Outputs
+from defocus_cli.jobs_file import read_jobs
+
+LENS = '[lens]\nfocal-length = "50mm"\n'
+FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'
+
+
+def touch(folder: Path, *names: str) -> Path:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    return folder
+
+
+def jobs_file(folder: Path, text: str, *, inputs: str = "") -> Path:
+    """A jobs file for one picture, unless ``inputs`` says otherwise."""
+    if not inputs:
+        inputs = 'color = "a.exr"'
+        touch(folder, "a.exr")
+    path = folder / "jobs.toml"
+    path.write_text(f"[inputs]\n{inputs}\n{text}")
+    return path
+
+
+def jobs(folder: Path, text: str, *, inputs: str = "", out: str = "out") -> list[Job]:
+    path = jobs_file(folder, text, inputs=inputs)
+    return read_jobs(path, Outputs(folder / out), Machine())
+
+
+def names(found: list[Job]) -> list[str]:
+    return [job.sample_id for job in found]

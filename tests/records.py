@@ -1,0 +1,61 @@
+"""Records of a journal, and the files that they speak of, for what is made of a finished batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from image_files import save
+
+
+def png(path: Path, level: int = 0) -> bytes:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return save(path, np.full((3, 4, 3), level, np.uint8)).read_bytes()
+
+
+def record(
+    out: Path, name: str, kinds: Sequence[str] = ("render", "coc"), level: int = 0, **more: Any
+) -> dict[str, Any]:
+    """A record of one sample that is done, whose outputs lie in ``out``."""
+    outputs = {}
+    for kind in kinds:
+        path = f"{kind}/{name}.{'exr' if kind in ('coc', 'disparity', 'trust') else 'png'}"
+        data = png(out / path, level) if path.endswith("png") else b"EXR" * (level + 1)
+        (out / path).parent.mkdir(parents=True, exist_ok=True)
+        (out / path).write_bytes(data)
+        digest = blake2b(data, digest_size=16).hexdigest()
+        outputs[kind] = {"path": path, "size": len(data), "mtime_ns": 7, "blake2b": digest}
+        preview = {**outputs[kind], "path": f"{kind}/{name}.preview.png"}
+        outputs[f"{kind}.preview"] = preview
+    lens = {
+        "focal_length_mm": 50,
+        "fnumber": 2,
+        "sensor_width_mm": 36.0,
+        "focus_mm": 2000,
+        "blades": 0,
+        "blade_rotation_deg": 0,
+    }
+    return {
+        "sample_id": name,
+        "job": "1f",
+        "recipe": "2e",
+        "status": "ok",
+        "reason": None,
+        "settings": {},
+        "inputs": {role: {"path": f"{role}.exr", "mtime_ns": 7} for role in ("color", "depth")},
+        "outputs": outputs,
+        "lens": lens,
+        "coc_px": [-1, 2.5],
+        "size": [4, 3],
+        "quality": "draft",
+        "depth_note": "EXR float channel Z, metres",
+        "device": "cpu",
+        "seconds": 0.25,
+        "finished": "2026-01-01T00:00:00Z",
+        "warnings": [],
+        "version": "1",
+        **more,
+    }

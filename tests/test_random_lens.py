@@ -1,0 +1,186 @@
+"""A random lens for each picture: seeded, within its ranges, and a lens like any other."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+import torch
+from tolerances import RENDERED
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from defocus_core import Aperture, DefocusLens, RandomDefocus, render
+
+SIZE = (12, 18)  # H, W
+
+
+def image(batch: int = 3) -> Tensor:
+    return torch.rand(batch, 3, *SIZE, generator=torch.Generator().manual_seed(1))
+
+
+def depth(batch: int = 3) -> Tensor:
+    ramp = torch.linspace(1000.0, 4000.0, SIZE[1]).expand(batch, 1, *SIZE)
+    return ramp * torch.arange(1, batch + 1)[:, None, None, None]
+
+
+def draft(**ranges: Any) -> RandomDefocus:
+    return RandomDefocus(quality="draft", **ranges)
+
+
+def test_a_sample_is_the_same_in_any_batch() -> None:
+    whole = draft(left_right=True)(image(), depth(), [5, 6, 7])
+    alone = draft(left_right=True)(image()[1:2], depth()[1:2], torch.tensor([6]))
+    for together, single in zip(whole, alone, strict=True):
+        torch.testing.assert_close(together[1:2], single, rtol=0, atol=0)
+
+
+def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds() -> None:
+    same = [x.expand(3, -1, -1, -1) for x in (image(1), depth(1))]
+    first, second = (draft()(*same, torch.Generator().manual_seed(4)) for _ in range(2))
+    assert len(set(first.fnum.tolist())) == len(set(first.foclen.tolist())) == 3
+    torch.testing.assert_close(first.render, second.render, rtol=0, atol=0)
+    assert not torch.equal(first.fnum, draft()(*same, torch.Generator().manual_seed(5)).fnum)
+
+
+def test_what_is_rendered_is_what_the_lens_drawn_takes() -> None:
+    seen = draft(left_right=True)(image(), depth(), [5, 6, 7])
+    for index in range(3):
+        lens = DefocusLens(
+            float(seen.foclen[index]), float(seen.fnum[index]), (36.0, 24.0), (SIZE[1], SIZE[0])
+        )
+        lens.refocus(float(seen.foc_dist[index]))
+        radius = lens.signed_radius(depth()[index])
+        torch.testing.assert_close(seen.signed_radius[index], radius)
+        aperture = Aperture(int(seen.blades[index]), float(seen.blade_rotation[index]))
+        wanted = render(image()[index], radius[0], aperture=aperture, quality="draft")
+        torch.testing.assert_close(seen.render[index], wanted.render)
+    assert seen.left is not None
+    assert seen.right is not None
+    torch.testing.assert_close((seen.left + seen.right) / 2, seen.render)
+
+
+def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
+    tiny = torch.ones(200, 1, 1, 100), torch.linspace(1000, 2000, 100).expand(200, 1, 1, 100)
+    seen = draft(foclen=(20.0, 80.0), fnum=(1.0, 16.0), blades=(0, 6))(*tiny, range(200))
+    shares = torch.stack(
+        [
+            (seen.foclen / 20).log() / math.log(4),
+            seen.fnum.log() / math.log(16),
+            ((seen.foc_dist - 1000) / 1000 - 0.05) / 0.9,
+            seen.blades / 6,
+            seen.blade_rotation / 360,
+        ]
+    )
+    assert shares.min() >= -1e-6
+    assert shares.max() <= 1 + 1e-6
+    assert bool(((shares.mean(1) - 0.5).abs() < 3 * shares.std(1) / math.sqrt(200)).all())
+    assert set(seen.blades.tolist()) == {0, 6}
+    together = torch.corrcoef(shares) - torch.eye(5)
+    assert together.abs().max() < 4 / math.sqrt(200)
+
+
+def test_equal_ends_fix_the_lens() -> None:
+    fixed = draft(foclen=(50.0, 50.0), fnum=(2.0, 2.0), focus_percentile=(0.0, 0.0), blades=[0])
+    seen = fixed(image(), depth(), [1, 2, 3])
+    assert seen.foclen.tolist() == [50, 50, 50]
+    assert seen.fnum.tolist() == [2, 2, 2]
+    assert seen.foc_dist.tolist() == [1000, 2000, 3000]
+
+
+def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
+    far = depth(2).clone()
+    far[0, :, :, 9:] = math.inf
+    far[1] = math.inf
+    seen = draft(focus_percentile=(100.0, 100.0))(image(2), far, [1, 2])
+    assert seen.foc_dist[0] == far[0, 0, 0, 8]
+    assert seen.foc_dist[1] == math.inf
+    torch.testing.assert_close(seen.render[1], image(2)[1], rtol=0, atol=RENDERED[torch.float32])
+
+
+def test_the_f_number_rises_until_the_blur_fits() -> None:
+    free = draft()(image(), depth(), [1, 2, 3])
+    bound = float(free.signed_radius.abs().amax((1, 2, 3)).median())
+    seen = draft(max_radius=bound)(image(), depth(), [1, 2, 3])
+    most = seen.signed_radius.abs().amax((1, 2, 3))
+    assert most.max() <= bound * (1 + 1e-5)
+    raised = seen.fnum > free.fnum * (1 + 1e-5)
+    assert raised.sum() == 1
+    assert most[raised] == pytest.approx(bound, rel=1e-5)
+
+
+def test_gradients_reach_image_and_depth() -> None:
+    sharp, planes = image(1).requires_grad_(), depth(1).requires_grad_()
+    draft()(sharp, planes, [3]).render.square().sum().backward()
+    assert sharp.grad is not None
+    assert planes.grad is not None
+    assert sharp.grad.abs().max() > 0
+    assert planes.grad.abs().max() > 0
+
+
+class Frames(Dataset[dict[str, Tensor]]):
+    """A training set: each sample has its own lens, the same one whenever it is asked for."""
+
+    def __init__(self) -> None:
+        self.defocus = draft(fnum=(1.4, 4.0))
+
+    def __len__(self) -> int:
+        return 4
+
+    def __getitem__(self, index: int) -> dict[str, Tensor]:
+        seen = self.defocus(image(4)[index, None], depth(4)[index, None], [index])
+        return {"index": torch.tensor(index), "render": seen.render[0], "fnum": seen.fnum[0]}
+
+
+def test_a_data_loader_gets_each_sample_with_its_own_lens() -> None:
+    samples = Frames()
+    shuffled = DataLoader(samples, batch_size=3, shuffle=True)
+    found = {int(i): x for b in shuffled for i, x in zip(b["index"], b["render"], strict=True)}
+    assert sorted(found) == [0, 1, 2, 3]
+    for index, rendered in found.items():
+        torch.testing.assert_close(rendered, samples[index]["render"], rtol=0, atol=0)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_the_lens_does_not_depend_on_the_device() -> None:
+    cpu = draft()(image(), depth(), [1, 2, 3])
+    gpu = draft()(image().cuda(), depth().cuda(), [1, 2, 3])
+    assert gpu.render.is_cuda
+    torch.testing.assert_close(gpu.foc_dist, cpu.foc_dist, rtol=0, atol=0)
+    torch.testing.assert_close(gpu.render.cpu(), cpu.render, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("words", "arguments"),
+    [
+        ("foclen must be", {"foclen": (50.0, 24.0)}),
+        ("fnum must be", {"fnum": (0.0, 2.0)}),
+        ("focus_percentile must be", {"focus_percentile": (5.0, 101.0)}),
+        ("sensor_width must be", {"sensor_width": 0.0}),
+        ("max_radius must be", {"max_radius": 0.0}),
+        ("blades must", {"blades": ()}),
+        ("blades must be 0 or at least 3", {"blades": (0, 2)}),
+        ("quality must", {"quality": "best"}),
+    ],
+)
+def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(
+    words: str, arguments: dict[str, Any]
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        RandomDefocus(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("words", "arguments"),
+    [
+        ("image must be", (image()[0], depth(), [1, 2, 3])),
+        ("depth must be", (image(), depth()[..., 1:], [1, 2, 3])),
+        ("seeds must be one", (image(), depth(), [1, 2])),
+        ("depth must be positive", (image(), depth() - 1000, [1, 2, 3])),
+        ("foc_dist must be farther", (image(), depth() / 1000, [1, 2, 3])),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(words: str, arguments: tuple[Any, ...]) -> None:
+    with pytest.raises(ValueError, match=words):
+        draft()(*arguments)

@@ -1,0 +1,45 @@
+"""What the README shows is what happens."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import torch
+
+from defocus_cli.job import Machine, Outputs
+from defocus_cli.jobs_file import read_jobs
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def block(first_line: str) -> str:
+    found = re.search(rf"```\w+\n({re.escape(first_line)}\n.*?)```", README, re.S)
+    assert found, first_line
+    return found[1]
+
+
+@pytest.fixture
+def jobs_file(tmp_path: Path) -> Path:
+    (tmp_path / "sample_scenes").symlink_to(ROOT / "sample_scenes")
+    path = tmp_path / "jobs.toml"
+    path.write_text(block("# jobs.toml"))
+    return path
+
+
+def test_the_jobs_file_makes_as_many_pictures_as_it_says(jobs_file: Path) -> None:
+    jobs = read_jobs(jobs_file, Outputs(jobs_file.parent / "out"), Machine())
+    assert f"makes {len(jobs)} pictures" in README
+    assert all(path.exists() for job in jobs for path in (job.picture.color, job.picture.depth))
+
+
+def test_the_lines_of_python_run_one_after_another() -> None:
+    names = {"print": lambda *words: None}
+    exec(block("import torch"), names)
+    training = block("from defocus_cli.finished import samples").split("for sample in")[0]
+    exec(training, names)
+    assert names["seen"].render.shape == names["image"].shape
+    assert names["seen"].signed_radius.abs().max() <= 20.001
+    assert isinstance(names["left"], torch.Tensor)
