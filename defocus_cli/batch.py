@@ -5,7 +5,6 @@ This is the one path of `defocus render`, `batch` and `retry`. Only this process
 
 from __future__ import annotations
 
-import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -21,8 +20,9 @@ from defocus_cli.files import unwritable
 from defocus_cli.how import Chunk, How
 from defocus_cli.interrupts import Interrupts
 from defocus_cli.job import Job
-from defocus_cli.journal import Journal, Record, journal_path
+from defocus_cli.journal import Journal, Record, journal_path, told_path
 from defocus_cli.lock import locked
+from defocus_cli.placement import refuse_unwritable
 from defocus_cli.plan import Plan, make_plan
 from defocus_cli.undertaking import Undertaking
 from defocus_cli.work import Result
@@ -65,6 +65,8 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
         InputError: the journal, or an output that must not be touched, is in the way; or nothing
             more can be written.
     """
+    for outputs in {job.outputs for job in jobs}:
+        refuse_unwritable(outputs)
     made = _made_directories(out)
     try:
         with locked(out, how.shard, say=report.say):
@@ -80,18 +82,23 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
         undertaking.sweep_up(out)
     plan = make_plan(jobs, out, how)
     listener.planned(plan)
+    settled = len(plan.settled)
+    plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
-    summary = Summary(len(plan.settled) + left, len(plan.settled), left)
+    summary = Summary(settled + left, settled, left)
+    path = undertaking.run_path(out, how.shard)
     if not plan.todo:
+        if not plan.left:
+            path.unlink(missing_ok=True)
         return summary
     told = {"jobs": summary.jobs, "left": left, "begun": _now()}
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        run = Undertaking(undertaking.run_path(out, how.shard), told, plan.begun)
+        run = Undertaking(path, told, plan.left)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
                 _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
         except BaseException:
-            run.end(done=len(jobs) == 1 and not plan.begun)
+            run.end(done=len(jobs) == 1)
             raise
         run.end(done=summary.left == 0, settled=True)
     summary.interrupted = interrupts.asked
@@ -155,7 +162,7 @@ class _Batch:
 
 def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
     """What the journal says of a job."""
-    places = {role: _told_path(path, out) for role, path in identity.sources(job.picture).items()}
+    places = {role: told_path(path, out) for role, path in identity.sources(job.picture).items()}
     inputs = {
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
     }
@@ -189,13 +196,6 @@ def _chunks(todo: Sequence[tuple[Job, str]], spread: int) -> Iterator[Chunk]:
         chunk.append((number, job))
     if chunk:
         yield chunk
-
-
-def _told_path(path: Path, out: Path) -> str:
-    """A path as the journal has it: as given if absolute, else relative to OUT."""
-    if path.is_absolute():
-        return str(path)
-    return Path(os.path.relpath(path.absolute(), out.resolve())).as_posix()
 
 
 def _made_directories(out: Path) -> list[Path]:

@@ -50,9 +50,7 @@ class Told:
         if not self._each and plan.settled:
             report.say(f"{len(plan.settled)} jobs done before, {len(plan.todo)} to do")
         if plan.changed:
-            report.say(
-                f"{plan.changed} jobs are done again: their inputs, settings or outputs changed"
-            )
+            report.say(f"done again, as inputs, settings or outputs changed: {plan.changed}")
         if self._bar is not None and plan.todo:
             with spoken():
                 self._bar.reset(len(plan.todo))

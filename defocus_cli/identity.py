@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Mapping
 from functools import cache, lru_cache
 from hashlib import blake2b
@@ -26,6 +27,7 @@ from defocus_cli.plain import plain
 from defocus_cli.report import version
 
 DIGEST = 16  # bytes of a hash
+CLOCK_TICK = 50_000_000  # ns, more than file systems count in
 Stamp = Mapping[str, Any]
 _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
 
@@ -94,6 +96,18 @@ def stamp(path: Path) -> dict[str, Any]:
             hashed.update(block)
         seen = os.fstat(file.fileno())
     return {"size": seen.st_size, "mtime_ns": seen.st_mtime_ns, "blake2b": hashed.hexdigest()}
+
+
+def settled_stamp(path: Path) -> dict[str, Any]:
+    """What `stamp` says, less a time that is so recent that a later change could have the same.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    seen = stamp(path)
+    if abs(time.time_ns() - seen["mtime_ns"]) < CLOCK_TICK:
+        del seen["mtime_ns"]
+    return seen
 
 
 def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from defocus_cli import identity
+from defocus_cli.errors import InputError
 from defocus_cli.job import Job
-from defocus_cli.journal import Record
-
-
-class File(NamedTuple):
-    """A file that a job wrote: what was recorded of it."""
-
-    stamp: Mapping[str, Any]
-    recipe: str
+from defocus_cli.journal import Record, told_path, without_collections
 
 
 class Ledger:
-    """The journals of OUT, read.
+    """The journals of OUT, read; ``files`` are those that they know, relative to OUT.
 
     A record speaks of all files that its job writes; of records that speak of the same file the
     last holds. One of whose files none is its own any more is superseded.
@@ -27,13 +20,14 @@ class Ledger:
 
     def __init__(self, out: Path, records: Iterable[Record]) -> None:
         self.out = out
-        self.files: dict[str, File] = {}
+        self.files: set[str] = set()
         self._last: dict[str, Record] = {}
-        for record in records:
-            for stamp in record["outputs"].values():
-                self._last[stamp["path"]] = record
-                if record["status"] == "ok":
-                    self.files[stamp["path"]] = File(stamp, record["recipe"])
+        with without_collections():
+            for record in records:
+                for stamp in record["outputs"].values():
+                    self._last[stamp["path"]] = record
+                    if record["status"] == "ok":
+                        self.files.add(stamp["path"])
 
     @property
     def live(self) -> list[Record]:
@@ -62,11 +56,30 @@ class Ledger:
             stamp = record["inputs"].get(role, {})
             if not path.exists() and record["status"] == "ok":
                 continue  # what is gone cannot make anything else of the outputs
-            if not identity.unchanged(path, stamp, read=read_inputs):
+            # Size and time say nothing of a file that was elsewhere: archives give all one time.
+            elsewhere = stamp.get("path") != told_path(path, self.out)
+            if not identity.unchanged(path, stamp, read=read_inputs or elsewhere):
                 return None
         if record["status"] == "ok" and not self._in_place(record, planned):
             return None
         return record
+
+    def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
+        """Refuse to replace what was made of another picture that has the same name.
+
+        Raises:
+            InputError: a job would.
+        """
+        for job in jobs:
+            for name in job.names.values():
+                path, record = self.out / name, self._last.get(name)
+                if record is None or job.outputs.overwrite or not path.exists():
+                    continue
+                before = self.out.resolve() / record["inputs"]["color"]["path"]
+                if before.exists() and before.resolve() != job.picture.color.resolve():
+                    problem = f"exists already, made of another picture, {before.resolve()}"
+                    remedy = "choose another -o, or add --overwrite to replace it"
+                    raise InputError(path, problem, remedy)
 
     def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
         outputs = record["outputs"]

@@ -19,7 +19,7 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
     """
     _refuse_clashes(jobs)
     for outputs in {job.outputs for job in jobs}:
-        _refuse_unwritable(outputs)
+        refuse_unwritable(outputs)
 
 
 def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
@@ -74,7 +74,12 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
             raise InputError(path, "is an input and would be overwritten", "choose another -o")
 
 
-def _refuse_unwritable(outputs: Outputs) -> None:
+def refuse_unwritable(outputs: Outputs) -> None:
+    """Refuse a place where nothing can be written.
+
+    Raises:
+        InputError: a file is in the way, or the place is forbidden.
+    """
     for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():

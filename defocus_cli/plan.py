@@ -24,14 +24,14 @@ class Plan:
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
-        begun: files that a run which did not end was about to write.
+        left: files that a run which did not end was about to write, and that are none of ``todo``.
     """
 
     todo: list[tuple[Job, str]]
     settled: list[tuple[Job, Record]]
     beyond: int
     changed: int
-    begun: frozenset[str]
+    left: frozenset[str]
 
 
 def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
@@ -46,20 +46,23 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     todo: list[tuple[Job, str]] = []
     settled: list[tuple[Job, Record]] = []
     changed = 0
+    forced = how.again or any(job.outputs.overwrite for job in jobs)
     for job in jobs if how.shard is None else _part(jobs, how.shard):
         recipe = identity.recipe(job)
         record = None
-        if not (how.again or job.outputs.overwrite):
+        if not forced:
             record = ledger.settled(job, recipe=recipe, read_inputs=how.read_inputs)
         if record is not None:
             settled.append((job, record))
             continue
         todo.append((job, recipe))
-        changed += any(name in ledger.files for name in job.names.values())
+        changed += not forced and any(name in ledger.files for name in job.names.values())
     now = todo if how.limit is None else todo[: how.limit]
-    refuse_unknown([job for job, _ in now], ledger.files.keys() | begun)
-    unknown = frozenset(begun - ledger.files.keys())
-    return Plan(now, settled, len(todo) - len(now), changed, unknown)
+    ledger.refuse_other_pictures(job for job, _ in now)
+    refuse_unknown([job for job, _ in now], ledger.files | begun)
+    own = {name for job, _ in now for name in job.names.values()}
+    left = frozenset(name for name in begun - ledger.files - own if (out / name).exists())
+    return Plan(now, settled, len(todo) - len(now), changed, left)
 
 
 def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:

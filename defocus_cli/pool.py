@@ -12,7 +12,7 @@ import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing.connection import wait
+from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import worker
@@ -24,6 +24,7 @@ from defocus_cli.work import failed
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
+Serve = Callable[[Connection], None]
 STRIKES = 3
 AT_ONCE = 3  # jobs of a process: one is read, one rendered and one written
 _STILLBORN = 3  # processes that may die before they are ready
@@ -38,11 +39,18 @@ class Pool:
         chunks: jobs, in chunks of one picture.
         done: called with number and result of each.
         stopped: whether no further job is to be begun.
+        serve: what a process does with its connection.
     """
 
     def __init__(
-        self, processes: int, chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]
+        self,
+        processes: int,
+        chunks: Iterator[Chunk],
+        done: Done,
+        stopped: Callable[[], bool],
+        serve: Serve = worker.serve,
     ) -> None:
+        self.serve = serve
         self.processes, self.chunks, self.done, self.stopped = processes, chunks, done, stopped
         self.workers: list[_Worker] = []
         self.suspects: deque[tuple[int, Job]] = deque()
@@ -74,7 +82,8 @@ class Pool:
     def _hire(self) -> None:
         """As many processes as there is work for."""
         while len(self.workers) < self.processes and (self._peek() or self._has_free_suspects()):
-            self.workers.append(_Worker(self.waiting.popleft() if self._peek() else []))
+            chunk = self.waiting.popleft() if self._peek() else []
+            self.workers.append(_Worker(self.serve, chunk))
 
     def _has_free_suspects(self) -> bool:
         unready = sum(not each.flight for each in self.workers)
@@ -157,11 +166,11 @@ class Pool:
 class _Worker:
     """A process, what it has been given, and what it is to be given next."""
 
-    def __init__(self, chunk: Chunk) -> None:
+    def __init__(self, serve: Serve, chunk: Chunk) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process: SpawnProcess = context.Process(
-            target=worker.serve, args=(theirs,), daemon=True, name="defocus-worker"
+            target=serve, args=(theirs,), daemon=True, name="defocus-worker"
         )
         with _without_interrupts():
             self.process.start()

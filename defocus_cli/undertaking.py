@@ -53,15 +53,15 @@ class Undertaking:
     Args:
         path: of the file.
         plan: what it sets out to do.
-        before: files of an earlier run that are still ours to replace.
+        before: files that an earlier run left, which are none of this one's.
 
     Raises:
         InputError: the file cannot be written.
     """
 
     def __init__(self, path: Path, plan: Mapping[str, Any], before: Iterable[str]) -> None:
-        self.path, self.plan = path, plan
-        self._write(sorted(before))
+        self.path, self.plan, self.before = path, plan, sorted(before)
+        self._write()
         try:
             self._number = os.open(path, os.O_WRONLY | os.O_APPEND)
         except OSError as error:
@@ -88,17 +88,17 @@ class Undertaking:
         """
         with suppress(OSError):
             os.close(self._number)
-            if done:
+            if done and not self.before:
                 self.path.unlink()
-            elif settled:
-                self._write(())
+            elif done or settled:
+                self.plan = {**self.plan, "left": 0} if done else self.plan
+                self._write()
 
-    def _write(self, files: Iterable[str]) -> None:
+    def _write(self) -> None:
         with written_whole(self.path) as file:
             file.write(_line(self.plan))
-            names = list(files)
-            if names:
-                file.write(_line({"files": names}))
+            if self.before:
+                file.write(_line({"files": self.before}))
 
 
 def sweep_up(out: Path) -> None:

@@ -64,7 +64,7 @@ class Reader:
         try:
             for role, path in identity.sources(job.picture).items():
                 with suppress(OSError):  # the decoder says it better
-                    stamps[role] = identity.stamp(path)
+                    stamps[role] = identity.settled_stamp(path)
             loaded = engine.load_inputs(job.picture, job.reading, hidden=engine.needs_hidden(job))
         except Exception as error:
             return Ready(job, None, stamps, 0.0, failure(error, "read", stamps))

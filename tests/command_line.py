@@ -111,7 +111,9 @@ def pair(folder: Path, stem: str = "a") -> tuple[Path, Path]:
 
 
 def files_under(folder: Path) -> set[str]:
-    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    """All files but the journal."""
+    found = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    return found - {"journal.jsonl"}
 
 
 def thin_lens_radius(z_mm: np.ndarray[Any, Any], *, s: float = 2000.0) -> np.ndarray[Any, Any]:

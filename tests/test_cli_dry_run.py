@@ -28,7 +28,7 @@ from defocus_core.tiling import TILE
 def test_a_dry_run_says_what_it_would_do_and_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engine, "run", None)
+    monkeypatch.setattr(engine, "compute", None)
     color, depth = pair(tmp_path)
     ran = render(color, depth, "-o", tmp_path / "out", "--dry-run", "--outputs", "coc,render")
     assert (ran.code, ran.err) == (0, "")
@@ -131,9 +131,7 @@ def test_what_does_not_fit_is_refused_with_what_would_help(
     needed: dict[str, float], remedy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     job = large(monkeypatch, tmp_path, **needed)
-    with pytest.raises(
-        forecast.InputError, match=f"about 900 MB .* but 100 MB are left; .*{remedy}"
-    ):
+    with pytest.raises(forecast.TooLarge, match=f"about 900 MB .* but 100 MB are left; .*{remedy}"):
         forecast.refuse_too_large(
             job, job.lens, torch.rand(3, 8, 8), torch.zeros(8, 8), device="cpu"
         )
@@ -145,7 +143,7 @@ def test_a_lower_limit_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     frame = (job, job.lens, torch.rand(3, 8, 8), torch.zeros(8, 8))
     forecast.refuse_too_large(*frame, device="cpu")
     forecast.refuse_too_large(*frame, device="cpu", limit_mb=270.0)
-    with pytest.raises(forecast.InputError, match="but 30 MB are left; use --threads 1"):
+    with pytest.raises(forecast.TooLarge, match="but 30 MB are left; use --threads 1"):
         forecast.refuse_too_large(*frame, device="cpu", limit_mb=230.0)
 
 
@@ -190,7 +188,7 @@ def test_the_quick_bound_is_above_the_prediction(kind: str, r: float) -> None:
     ],
 )
 def test_durations_are_told_as_people_do(seconds: float, words: str) -> None:
-    assert forecast._duration(seconds) == words
+    assert forecast.duration(seconds) == words
 
 
 def test_sizes_of_pixels_and_depth_are_compared(tmp_path: Path) -> None:

@@ -267,7 +267,7 @@ def test_existing_outputs_are_refused_before_any_work(
     files, out = pair(tmp_path), tmp_path / "out"
     (out / "coc").mkdir(parents=True)
     (out / "coc" / "a.exr").write_text("mine")
-    monkeypatch.setattr(engine, "run", None)
+    monkeypatch.setattr(engine, "compute", None)
     ran = render(*files, "-o", out, "--outputs", "render,coc")
     refused(ran, 3, "coc/a.exr: exists already", "--overwrite")
     assert files_under(out) == {"coc/a.exr"}
@@ -281,21 +281,22 @@ def test_overwrite_renders_again(tmp_path: Path) -> None:
         (out / "coc" / "a.exr").write_text("garbage")
 
 
-def test_a_failing_picture_stops_the_rest_and_keeps_those_before(tmp_path: Path) -> None:
+def test_a_failing_picture_does_not_stop_the_others(tmp_path: Path) -> None:
     for stem in ("a", "b", "c"):
         color, depth = pair(tmp_path, stem)
     depth_exr(depth.parent / "b.exr", -ramp())
     ran = render(color.parent, depth.parent, "-o", tmp_path / "out")
-    assert ran.code == 3
-    assert ran.err.splitlines()[-1].startswith(f"defocus: {depth.parent / 'b.exr'}: ")
-    assert files_under(tmp_path / "out") == {"render/a.exr"}
+    assert ran.code == 1
+    assert f"defocus: {depth.parent / 'b.exr'}: " in ran.err
+    assert ran.err.splitlines()[-1].startswith("defocus: 1 of 3 jobs failed (input-unusable 1); ")
+    assert files_under(tmp_path / "out") == {"render/a.exr", "render/c.exr"}
 
 
 def test_ctrl_c_ends_with_130_and_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(engine, "run", interrupt)
+    monkeypatch.setattr(engine, "compute", interrupt)
     refused(render(*pair(tmp_path), "-o", tmp_path / "out"), 130, "interrupted")
 
 

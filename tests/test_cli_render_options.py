@@ -206,6 +206,7 @@ def test_preview_shows_the_picture_as_it_looks(tmp_path: Path) -> None:
 def test_overwrite_with_preview_replaces_both(tmp_path: Path) -> None:
     args = (*pair(tmp_path), "-o", tmp_path / "out", "--preview")
     assert render(*args).code == 0
+    (tmp_path / "out" / "journal.jsonl").unlink()
     refused(render(*args), 3, "a.exr: exists already (and 1 more)")
     assert render(*args, "--overwrite").code == 0
 

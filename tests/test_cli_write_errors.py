@@ -100,7 +100,7 @@ def test_the_systems_own_errors_are_one_line(
     def broken(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO), "/mnt/disk")
 
-    monkeypatch.setattr(engine, "run", broken)
+    monkeypatch.setattr(engine, "compute", broken)
     refused(render(color, depth, "-o", out), 3, "defocus: /mnt/disk: Input/output error; ")
 
 
@@ -110,7 +110,7 @@ def test_a_fault_of_our_own_asks_for_a_report(
     def faulty(*_: object) -> None:
         raise RuntimeError("wires\ncrossed")
 
-    monkeypatch.setattr(engine, "run", faulty)
+    monkeypatch.setattr(engine, "compute", faulty)
     refused(render(color, depth, "-o", out), 1, "RuntimeError: wires crossed; please report")
     verbose = render(color, depth, "-o", out, "-v")
     assert verbose.code == 1
@@ -145,7 +145,7 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     files = [*pair(tmp_path), "-o", tmp_path / "out"]
     script = (
         "import sys, time; from defocus_cli import engine, main; "
-        "engine.run = lambda *_: (print('up', flush=True), time.sleep(60)); "
+        "engine.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
         "sys.exit(main.main())"
     )
     process = subprocess.Popen(
@@ -173,7 +173,8 @@ def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(
     fill_at_the_third_file(monkeypatch)
     ran = render(color, depth, "-o", out, *kinds, "--overwrite", "--quality", "draft")
     refused(ran, 3, "No space left")
-    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    assert {path: path.read_bytes() for path in out.rglob("*.exr")} == before
+    assert files_under(out) == {str(path.relative_to(out)) for path in before}
 
 
 def test_a_directory_in_the_place_of_an_output(color: Path, depth: Path, out: Path) -> None:

@@ -15,10 +15,7 @@ from defocus_cli.job import (
     Picture,
     Reading,
     find_pictures,
-    make_jobs,
 )
-
-LENS = Lens(50.0, 2.0, 2000.0)
 
 
 def touch(folder: Path, *names: str) -> Path:
@@ -26,10 +23,6 @@ def touch(folder: Path, *names: str) -> Path:
     for name in names:
         (folder / name).touch()
     return folder
-
-
-def jobs_for(pictures: list[Picture], outputs: Outputs) -> list[Job]:
-    return make_jobs(pictures, LENS, reading=Reading(), outputs=outputs, machine=Machine())
 
 
 def test_two_files_are_one_picture_named_by_its_colour(tmp_path: Path) -> None:
@@ -87,45 +80,11 @@ def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path: Path) -> None:
 
 def test_outputs_have_one_file_for_each_kind(tmp_path: Path) -> None:
     outputs = Outputs(tmp_path, kinds=("render", "coc"), format="jpg", preview=True)
-    assert outputs.paths("a.b") == {
+    picture = Picture("a.b", tmp_path / "a.b.png", tmp_path / "z.exr")
+    job = Job(picture, Lens(50.0, 2.0, 2000.0), Reading(), outputs, Machine())
+    assert job.paths == {
         "render": tmp_path / "render" / "a.b.jpg",
         "coc": tmp_path / "coc" / "a.b.exr",
     }
-    assert outputs.previews("a.b")["coc"] == tmp_path / "coc" / "a.b.preview.png"
-
-
-def test_what_exists_is_refused_unless_told(tmp_path: Path) -> None:
-    pictures = [Picture(stem, tmp_path / f"{stem}.exr", tmp_path / "z.exr") for stem in "abc"]
-    touch(tmp_path / "out" / "render", "b.exr", "c.exr")
-    with pytest.raises(InputError, match=r"b\.exr: exists already \(and 1 more\).*--overwrite"):
-        jobs_for(pictures, Outputs(tmp_path / "out"))
-    assert len(jobs_for(pictures, Outputs(tmp_path / "out", overwrite=True))) == 3
-
-
-def test_an_input_is_never_overwritten(tmp_path: Path) -> None:
-    file = touch(tmp_path / "render", "a.exr") / "a.exr"
-    with pytest.raises(InputError, match="is an input"):
-        jobs_for([Picture("a", file, file)], Outputs(tmp_path, overwrite=True))
-
-
-def test_an_input_is_never_overwritten_by_another_name_of_it(tmp_path: Path) -> None:
-    file = touch(tmp_path / "out" / "render", "a.exr") / "a.exr"
-    (tmp_path / "linked").symlink_to(tmp_path / "out")
-    (tmp_path / "a.exr").symlink_to(file)
-    for root, color in (("linked", file), ("out", tmp_path / "a.exr")):
-        with pytest.raises(InputError, match="is an input"):
-            jobs_for([Picture("a", color, color)], Outputs(tmp_path / root, overwrite=True))
-
-
-def test_no_file_is_written_twice(tmp_path: Path) -> None:
-    pictures = [Picture(stem, tmp_path / stem, tmp_path / "z") for stem in ("a", "a.preview")]
-    with pytest.raises(InputError, match="written twice"):
-        jobs_for(pictures, Outputs(tmp_path / "out", format="png", preview=True))
-
-
-def test_a_file_in_place_of_a_directory_is_refused(tmp_path: Path) -> None:
-    pictures = [Picture("a", tmp_path / "a", tmp_path / "z")]
-    file = touch(tmp_path, "out") / "out"
-    for root in (file, file / "deeper"):
-        with pytest.raises(InputError, match="out: is a file"):
-            jobs_for(pictures, Outputs(root))
+    assert job.previews["coc"] == tmp_path / "coc" / "a.b.preview.png"
+    assert set(job.written) == {*job.paths.values(), *job.previews.values()}
