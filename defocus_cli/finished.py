@@ -30,7 +30,7 @@ class Sample:
     Attributes:
         sample_id: its name, the stem of its files.
         files: the file of each kind.
-        inputs: the files that it was made of, by role: color, depth, …; as the jobs named them.
+        inputs: the files that it was made of, by role: color, depth, hidden_color, hidden_depth.
         lens: the lens, its focus distance known.
         size: width and height in px.
         coc_px: smallest and largest signed radius of the blur.
@@ -40,7 +40,7 @@ class Sample:
 
     sample_id: str
     files: Mapping[str, Path]
-    inputs: Mapping[str, str]
+    inputs: Mapping[str, Path]
     lens: Lens
     size: tuple[int, int]
     coc_px: tuple[float, float]
@@ -71,7 +71,7 @@ def _sample(root: Path, line: str, where: str) -> Sample:
         return Sample(
             sample_id=record["sample_id"],
             files={kind: root / path for kind, path in record["outputs"].items()},
-            inputs=record["inputs"],
+            inputs={role: root / path for role, path in record["inputs"].items()},
             lens=_lens(record["lens"]),
             size=(record["width"], record["height"]),
             coc_px=(record["coc_min_px"], record["coc_max_px"]),

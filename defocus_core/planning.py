@@ -17,6 +17,7 @@ from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.frame import Frame, frame_of
+from defocus_core.highlights import reached_by
 from defocus_core.presence import Presence
 from defocus_core.quality import find
 from defocus_core.tiling import Grid, regions
@@ -101,7 +102,7 @@ def plan(
     ]
     pixels, parts, size = signed_radius.numel(), len(frame.parts), frame.dtype.itemsize
     samples = (len(image) + 1) * size / 4
-    discs = _discs(frame, image, signed_radius, grids, scene.visible)
+    discs, blocks = _lights(frame, image, signed_radius, grids, scene.visible)
     repeated = sum(around) / (2 * pixels)
     loads = {
         "frame": 1.0,
@@ -109,7 +110,7 @@ def plan(
         "kernels": work.kernels * parts,
         "regions": float(len(grids)),
         "around": sum(around) * samples,
-        "hidden": scene.continued * repeated * samples,
+        "hidden": (scene.continued * repeated + blocks) * samples,
         "edges": scene.edges * repeated,
         "lights": discs,
         "calls": work.calls,
@@ -171,25 +172,33 @@ def _by_window(windows: list[Window], rungs: list[int]) -> Iterator[tuple[Window
         yield windows[some[0]], some
 
 
-def _discs(
+def _lights(
     frame: Frame, image: Tensor, radius: Tensor, grids: list[Grid], visible: list[list[int]]
-) -> float:
-    """Samples of the discs of lights, as often as regions, parts and nearer slices ask for them."""
+) -> tuple[float, float]:
+    """What lights ask for, in all regions that they reach.
+
+    Returns:
+        Samples of their discs, as often as parts and nearer slices look at them; and pixels of the
+        blocks from which what surrounds them is continued.
+    """
     at = torch.nonzero(image.detach().amax(0) > frame.limit)
     if not len(at):
-        return 0.0
+        return 0.0, 0.0
     r = radius.detach()[at[:, 0], at[:, 1]]
     spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
     present = sorted({k for some in visible for k in some})
     nearer = r.new_tensor([frame.radii[k] for k in present]) < r[:, None] - 1.5
     samples = (2 * spread + 1) ** 2 * (nearer.sum(1) + len(frame.parts))
-    total = 0.0
+    side = 2 * reached_by(0)
+    discs = blocks = 0.0
     for grid in grids:
         first = at.new_tensor(grid.box[:2])
         last = first + at.new_tensor(grid.box[2:]) - 1
         far = torch.maximum(first - at, at - last).amax(1)
-        total += float(samples[far <= spread].sum())
-    return total
+        discs += float(samples[far <= spread].sum())
+        cells = at[far <= frame.margin].div(side, rounding_mode="floor")
+        blocks += len(torch.unique(cells, dim=0)) * (1.5 * side) ** 2
+    return discs, blocks
 
 
 def _area(grid: Grid, margin: int, frame: Frame) -> float:

@@ -4,11 +4,26 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from command_line import color_exr, depth_exr, ramp
+
 from defocus_cli.job import Job, Machine, Outputs
 from defocus_cli.jobs_file import read_jobs
 
 LENS = '[lens]\nfocal-length = "50mm"\n'
 FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'
+
+INPUTS = 'color = "*_rgb.exr"\ndepth = "*_z.exr"'
+SAMPLE = """
+[sample]
+n = 4
+seed = 7
+fnumber = "loguniform(1.4, 16)"
+focus = "percentile(5, 95)"
+max-coc = "0.3px"
+[outputs]
+kinds = ["render", "coc"]
+"""
 
 
 def touch(folder: Path, *names: str) -> Path:
@@ -35,3 +50,9 @@ def jobs(folder: Path, text: str, *, inputs: str = "", out: str = "out") -> list
 
 def names(found: list[Job]) -> list[str]:
     return [job.sample_id for job in found]
+
+
+def pictures(folder: Path) -> None:
+    for name, nearer in (("a", 1.0), ("b", 2.0)):
+        color_exr(folder / f"{name}_rgb.exr")
+        depth_exr(folder / f"{name}_z.exr", ramp() * np.float32(nearer))

@@ -16,6 +16,11 @@ from defocus_core.scenery import scenery
 MADE = Calibration(dict.fromkeys(LOADS, 1.0), dict.fromkeys(BYTES, 1.0), 1)
 
 
+def test_usual_are_all_that_a_plan_counts() -> None:
+    assert set(calibration._USUAL_SECONDS) == set(LOADS)
+    assert set(calibration._USUAL_BYTES) == set(BYTES)
+
+
 def planned(tiles: int = 6, regions: int = 1) -> Plan:
     loads = {name: float(name in TILE_LOADS) for name in LOADS}
     held = dict.fromkeys(BYTES, 2.0**20)
@@ -102,8 +107,12 @@ def test_each_thread_holds_what_it_works_on() -> None:
 
 
 def test_a_measurement_tells_more_work_from_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    some = [scene for scene in calibration._SCENES if scene[1] * scene[2] <= 256 * 256]
-    monkeypatch.setattr(calibration, "_SCENES", tuple(scene for scene in some if scene[3] < 50))
+    some = [
+        scene
+        for scene in calibration._SCENES
+        if scene[1] * scene[2] <= 256 * 256 and scene[3] < 50 and scene[4] != "high"
+    ]
+    monkeypatch.setattr(calibration, "_SCENES", tuple(some))
     found = calibration.measured("cpu", 1)
     small, large = (
         plan(scenery("floor", 200, width, r).signed_radius)

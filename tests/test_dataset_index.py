@@ -86,6 +86,7 @@ def test_the_index_reads_as_samples(tmp_path: Path) -> None:
     assert first.lens == Lens(50.0, 2.0, 2000.0)
     assert second.lens == Lens(50.0, 2.0, math.inf, focus_at=(3, 4))
     assert first.files == {"render": tmp_path / "render/a.png", "coc": tmp_path / "coc/a.exr"}
+    assert first.inputs["depth"] == tmp_path / "depth.exr"
     assert (first.size, first.coc_px, first.quality) == ((4, 3), (-1, 2.5), "draft")
     assert first.record["version"] == "1"
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-import torch
+from command_line import run
 
 from defocus_cli.job import Machine, Outputs
 from defocus_cli.jobs_file import read_jobs
@@ -35,11 +35,18 @@ def test_the_jobs_file_makes_as_many_pictures_as_it_says(jobs_file: Path) -> Non
     assert all(path.exists() for job in jobs for path in (job.picture.color, job.picture.depth))
 
 
-def test_the_lines_of_python_run_one_after_another() -> None:
-    names = {"print": lambda *words: None}
+def test_its_lines_run_one_after_another(jobs_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(jobs_file.parent)
+    command = re.search(r"^    defocus (batch jobs.toml .*)$", README, re.M)
+    assert command
+    ran = run(*command[1].split(), "--limit", "1", "--processes", "1", "--shards-size", "1GB")
+    assert ran.code == 0, ran.err
+    assert Path("out/set/shards/samples-000000.tar").exists()
+
+    printed: list[tuple[object, ...]] = []
+    names = {"print": lambda *words: printed.append(words)}
     exec(block("import torch"), names)
-    training = block("from defocus_cli.finished import samples").split("for sample in")[0]
-    exec(training, names)
+    exec(block("from defocus_cli.finished import samples"), names)
     assert names["seen"].render.shape == names["image"].shape
     assert names["seen"].signed_radius.abs().max() <= 20.001
-    assert isinstance(names["left"], torch.Tensor)
+    assert [words[0].exists() for words in printed] == [True]
