@@ -41,7 +41,7 @@ def assembled(
     """
     beyond = None
     if frame.edges:
-        signed_radius = _without_ramps(signed_radius, threads)
+        signed_radius = without_ramps_in_bands(signed_radius, threads)
         beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads)
     rows = regions(frame.grid, frame.margin)
     grids = [grid for row in rows for grid in row]
@@ -78,7 +78,7 @@ def assembled(
     return images, trust, {"slices": len(frame.radii), **total}
 
 
-def _without_ramps(signed_radius: Tensor, threads: int) -> Tensor:
+def without_ramps_in_bands(signed_radius: Tensor, threads: int) -> Tensor:
     """Radii [H, W] px with steps in the place of ramps, band by band."""
     H, W = signed_radius.shape
     frame = Box(0, 0, H, W)

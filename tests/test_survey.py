@@ -1,0 +1,59 @@
+"""A first look in bands of rows sees what a look at the whole sees."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core.assembly import without_ramps_in_bands
+from defocus_core.ramps import without_ramps
+from defocus_core.survey import bands, survey
+
+SIZE = (600, 24)
+
+
+def noise(*size: int) -> Tensor:
+    return torch.randn(size, generator=torch.Generator().manual_seed(3))
+
+
+def test_bands_are_all_rows_once() -> None:
+    rows = [y for first, last in bands(SIZE[0]) for y in range(first, last)]
+    assert rows == list(range(SIZE[0]))
+    assert len(bands(SIZE[0])) > 2
+
+
+@pytest.mark.parametrize("row", [0, 255, 256, 598])
+def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 7.0
+    radius[row, 5] = 1.0
+    seen = survey(noise(3, *SIZE), radius, torch.float32, 1)
+    assert seen.steepest == (7.0, 1.0)
+    assert (seen.least, seen.most) == (0.0, 7.0)
+
+
+def test_brightness_is_that_of_the_brightest_channel() -> None:
+    image = noise(3, *SIZE)
+    seen = survey(image.half(), torch.zeros(SIZE), torch.float32, 2)
+    assert torch.equal(seen.brightness, image.half().float().amax(0))
+    assert seen.darkest == float(image.half().min())
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
+@pytest.mark.parametrize("row", [0, 300, 599])
+def test_what_is_not_finite_is_found_in_every_band(value: float, row: int) -> None:
+    image, radius = noise(3, *SIZE), torch.zeros(SIZE)
+    broken = image.clone()
+    broken[1, row, 3] = value
+    with pytest.raises(ValueError, match="image must be finite"):
+        survey(broken, radius, torch.float32, 1)
+    radius[row, 3] = value
+    with pytest.raises(ValueError, match="signed_radius must be finite"):
+        survey(image, radius, torch.float32, 1)
+
+
+def test_soft_edges_across_bands_become_the_steps_they_are_in_the_whole() -> None:
+    y = torch.arange(SIZE[0]).double()
+    radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
+    whole = without_ramps(radius)
+    assert not torch.equal(whole, radius)
+    assert torch.equal(without_ramps_in_bands(radius, 2), whole)
