@@ -135,11 +135,9 @@ def continued(
     Returns:
         [n, K], and [n] bool whether there was something to continue.
     """
-    side = _CELLS << level
-    row, column = (
-        ((at[:, d] - middle[d].middle + (0.0 if middle[d].odd else 0.5)) / side).floor().long()
-        for d in (0, 1)
-    )
+    cuts = [_cut_up(n, axis, level) for n, axis in zip(rank.shape, middle, strict=True)]
+    row, column = (cut.number(at[:, d], middle[d]) for d, cut in enumerate(cuts))
+    size = (cuts[0].length, cuts[1].length)
     borders, which = torch.unique(border, return_inverse=True)
     corner = (row - row.min()) * (column.max() - column.min() + 1) + column - column.min()
     keys, of = torch.unique(corner * len(borders) + which, return_inverse=True)
@@ -150,14 +148,14 @@ def continued(
     found = values[0].new_zeros(len(at), sum(map(len, values)))
     weight = values[0].new_zeros(len(at))
     start = 0
-    for first, last in _batches(len(ends), (side + 2 * (_AROUND << level) + 1) ** 2):
+    for first, last in _batches(len(ends), size[0] * size[1]):
         some = order[start : ends[last - 1]]
         start = ends[last - 1]
         origin = [
-            corner[first:last] * side + middle[d].middle - (_AROUND << level)
-            for d, corner in enumerate((rows, columns))
+            cut.first + number[first:last] * cut.side
+            for cut, number in zip(cuts, (rows, columns), strict=True)
         ]
-        result = _blocks(values, rank, origin, limits[first:last], level, middle)
+        result = _blocks(values, rank, origin, size, limits[first:last], level, middle)
         number = of[some] - first
         places = [at[some, d] - origin[d][number] for d in (0, 1)]
         sampled = _sampled(result, number, places, middle)
@@ -165,6 +163,38 @@ def continued(
         found = found.index_copy(0, some, sampled[:, :-1] / torch.where(share > 0, share, 1.0))
         weight = weight.index_copy(0, some, share[:, 0])
     return found, weight > 0
+
+
+class _Cut(NamedTuple):
+    """How an axis is cut into blocks.
+
+    Attributes:
+        first: The first pixel of the first block, with those around it.
+        side: Pixels from block to block; 0 if there is one.
+        length: Pixels of a block, with those around it.
+    """
+
+    first: int
+    side: int
+    length: int
+
+    def number(self, at: Tensor, axis: Axis) -> Tensor:
+        """Of the blocks that hold pixels [n]."""
+        if not self.side:
+            return torch.zeros_like(at, dtype=torch.long)
+        place = at - axis.middle + (0.0 if axis.odd else 0.5)
+        return (place / self.side).floor().long()
+
+
+def _cut_up(length: int, axis: Axis, level: int) -> _Cut:
+    """Blocks of an axis of some pixels: one where it is short."""
+    first, last = -axis.middle >> level, -(axis.middle - length >> level)
+    around = _AROUND << level
+    if last - first <= _CELLS:
+        start, side, cells = (first << level) + axis.middle, 0, last - first
+    else:
+        start, side, cells = axis.middle, _CELLS << level, _CELLS
+    return _Cut(start - around, side, ((cells + 2 * _AROUND) << level) + axis.odd)
 
 
 def _batches(count: int, samples: int) -> Iterator[tuple[int, int]]:
@@ -177,6 +207,7 @@ def _blocks(
     values: Sequence[Tensor],
     rank: Tensor,
     origin: list[Tensor],
+    size: tuple[int, int],
     border: Tensor,
     level: int,
     middle: tuple[Axis, Axis],
@@ -187,6 +218,7 @@ def _blocks(
         values: Pictures [k, H, W], K channels in all.
         rank: [H, W].
         origin: First row and first column of each block, [m] both.
+        size: (height, width) of all.
         border: [m].
         level: Of the coarsest resolution.
         middle: Of the frame.
@@ -194,8 +226,6 @@ def _blocks(
     Returns:
         [m, K + 1, h, w].
     """
-    length = (_CELLS + 2 * _AROUND) << level
-    size = (length + middle[0].odd, length + middle[1].odd)
     corners = list(zip(*(corner.tolist() for corner in origin), strict=True))
     weight = torch.stack([_cut(rank[None], corner, size, -torch.inf) for corner in corners])
     weight = (weight > border[:, None, None, None]).to(rank.dtype)
