@@ -13,15 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.continuation import (
-    Axis,
-    axes,
-    extended,
-    greatest,
-    halved,
-    halves,
-    spread_out,
-)
+from defocus_core.halving import Axis, axes, extended, greatest, halved, halves, spread_out
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
@@ -31,6 +23,10 @@ _EDGE = 1.0
 DECAY = 0.70710678
 # How many times the picture is halved.
 COARSE = 2
+# What is shown of a surface at all, as a share of the distance to which it may be.
+_REACHED = 0.9
+# Levels of a deep continuation at most: it begins at as low a resolution as that allows.
+_LEVELS_AT_ONCE = 5
 # Rows of a quarter of the resolution that are made at once.
 _BAND = 32
 # Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
@@ -42,21 +38,31 @@ _NOWHERE = -2 << _LEVELS << _BITS
 _MOST = 4096.0
 
 
-class Backdrop(NamedTuple):
-    """What regions need to know of the frame around them.
+class Coarse(NamedTuple):
+    """A frame at reduced resolution.
 
     Attributes:
-        values: [K, h, w] colour and radius in px, a quarter as large.
-        rank: [h, w] px, the least radius in and beside each pixel of it.
+        values: [K, h, w] colour and radius in px.
+        rank: [h, w] px, the least radius in and beside each pixel of it; -inf where nothing is.
         middle: Where the middle of the frame is in it.
-        cone: [h, w] integers, half as large, see `_edges`.
-        grain: Px that are 1 in a cone.
-        fine: Where the middle of the frame is at full resolution.
     """
 
     values: Tensor
     rank: Tensor
     middle: tuple[Axis, Axis]
+
+
+class Backdrop(NamedTuple):
+    """What regions need to know of the frame around them.
+
+    Attributes:
+        pictures: Of a quarter of the resolution, an eighth, and so on.
+        cone: [h, w] integers, half as large, see `_edges`.
+        grain: Px that are 1 in a cone.
+        fine: Where the middle of the frame is at full resolution.
+    """
+
+    pictures: list[Coarse]
     cone: Tensor
     grain: float
     fine: tuple[Axis, Axis]
@@ -83,16 +89,16 @@ class Backdrop(NamedTuple):
         source = (cone & ((1 << _BITS) - 1)) - (1 << _LEVELS)
         # two pixels of neighbouring cells may be a px apart, and not two
         shown = torch.minimum((cone >> _BITS) + math.floor(DECAY / self.grain), source)
-        dtype = self.rank.dtype
+        dtype = self.pictures[0].rank.dtype
         return shown.to(dtype) * self.grain, source.to(dtype) * self.grain
 
-    def places(self, at: Tensor) -> Tensor:
-        """Rows and columns [n, 2] of pixels, counted in pixels of a quarter of the resolution."""
-        share = 0.5**COARSE
+    def places(self, at: Tensor, halvings: int) -> Tensor:
+        """Rows and columns [n, 2] of the frame, counted in pixels of a reduced resolution."""
+        share, middle = 0.5**halvings, self.pictures[halvings - COARSE].middle
         found = [
-            self.middle[d].middle + (at[:, d] - self.fine[d].middle) * share
+            middle[d].middle + (at[:, d] - self.fine[d].middle) * share
             if self.fine[d].odd
-            else self.middle[d].middle - 0.5 + (at[:, d] + 0.5 - self.fine[d].middle) * share
+            else middle[d].middle - 0.5 + (at[:, d] + 0.5 - self.fine[d].middle) * share
             for d in (0, 1)
         ]
         return torch.stack(found, 1)
@@ -122,7 +128,8 @@ def backdrop(
     fine = axes((H, W))
     half, across = halves(H, fine[0]), halves(W, fine[1])
     quarter = halves(half.length, half.axis)
-    middle = (quarter.axis, halves(across.length, across.axis).axis)
+    of_width = halves(across.length, across.axis)
+    middle, width = (quarter.axis, of_width.axis), of_width.length
 
     def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
         """Sums, ranks and cones of rows from one to another of a quarter of the resolution."""
@@ -149,8 +156,45 @@ def backdrop(
     )
     some = sums[-1] > 0
     values = sums[:-1] / torch.where(some, sums[-1], 1.0)
-    rank = torch.where(some, rank, -torch.inf)
-    return Backdrop(values, rank, middle, _dilated(cone, grain, most - least), grain, fine)
+    pictures = [Coarse(values, torch.where(some, rank, -torch.inf), middle)]
+    deepest = int(level_of(torch.tensor(max(most - least, 1.0))))
+    for _ in range(COARSE, halvings_for(min(deepest, levels_of(quarter.length, width)))):
+        pictures.append(_halved(pictures[-1]))
+    return Backdrop(pictures, _dilated(cone, grain, most - least), grain, fine)
+
+
+def level_of(apart: Tensor) -> Tensor:
+    """The level of a continuation across radii so many px apart: [n] integers.
+
+    It reaches twice as far as it must: of what is hidden deep, the mean of more is a better guess.
+    """
+    return (apart * _REACHED).log2().floor().long().add(2)
+
+
+def levels_of(height: int, width: int) -> int:
+    """The level at which nothing is left to halve, of a frame a quarter of which is given."""
+    return COARSE + max(height, width).bit_length() - 1
+
+
+def halvings_for(level: int) -> int:
+    """At which resolution a deep continuation of some level begins."""
+    return max(COARSE, level - _LEVELS_AT_ONCE)
+
+
+def _halved(picture: Coarse) -> Coarse:
+    """The next coarser one."""
+    values, rank, middle = picture
+    some = (rank > -torch.inf).to(values.dtype)
+    sums = torch.cat([values * some, some[None]])
+    down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
+    sums = halved(extended(sums, down, across, 0.0), (down.axis.odd, across.axis.odd))
+    exists = sums[-1] > 0
+    least = -greatest(torch.where(some > 0, -rank, -torch.inf), middle, -torch.inf)
+    return Coarse(
+        sums[:-1] / torch.where(exists, sums[-1], 1.0),
+        torch.where(exists, least, -torch.inf),
+        (down.axis, across.axis),
+    )
 
 
 def _coarsely(

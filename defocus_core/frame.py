@@ -14,8 +14,8 @@ from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
 from defocus_core.slicing import evenly, layers, rungs
 from defocus_core.survey import survey
-from defocus_core.tiling import Box, Grid, grid_over
-from defocus_core.windows import Window, windows
+from defocus_core.tiling import Box, Grid, grid_over, largest, regions
+from defocus_core.windows import Window, spreads_of, windows
 
 # Brightness over the median beyond which float32 is not enough.
 _RANGE = 1e3
@@ -114,8 +114,9 @@ def frame_of(
         known = hidden.signed_radius.detach()[hidden.mask]
         least, most = min(least, float(known.min())), max(most, float(known.max()))
     radii = _slice_radii(least, most, quality, num_layers, psf_ks)
-    reaches = [reach(radius, max(H, W) - 1) for radius in radii]
     numbers = layers(radii, quality)
+    spreads = spreads_of(radii, numbers, quality.full_resolution, max(H, W) - 1)
+    reaches = [spread.px for spread in spreads]
     limit = threshold(seen.brightness)
     dtype = torch.float64 if _needs_double(seen.brightness, limit) else dtype
     grid = grid_over(H, W)
@@ -143,9 +144,10 @@ def frame_of(
         layers=numbers,
         windows=windows(
             radii,
-            reaches,
+            spreads,
             numbers,
             (grid.tiles[0].height, grid.tiles[0].width),
+            largest(regions(grid, margin)),
             aperture,
             cells,
             dtype,

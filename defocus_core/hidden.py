@@ -14,8 +14,17 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.backdrop import COARSE, DECAY, Backdrop, backdrop
-from defocus_core.continuation import REACH, Axis, continued
+from defocus_core.backdrop import (
+    COARSE,
+    DECAY,
+    Backdrop,
+    backdrop,
+    halvings_for,
+    level_of,
+    levels_of,
+)
+from defocus_core.continuation import REACH, continued
+from defocus_core.halving import Axis
 from defocus_core.tiling import Box
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
@@ -29,8 +38,6 @@ _SHALLOW = 10.0
 FINE = 3
 # Px around a region from which it is continued.
 AROUND = REACH << FINE
-# What is shown of a surface at all, as a share of the distance to which it may be.
-_REACHED = 0.9
 # Borders are multiples of 1 / 8 px, and of as great a power of two as fits in between; a little
 # more, for round numbers are frequent radii.
 _GRAINS = 8
@@ -92,8 +99,8 @@ def hidden_layer(
     # stays where nothing is farther
     found = torch.cat([value.flatten(1).index_select(1, here) for value in values]).T
     deep = far - cone > _SHALLOW * DECAY
-    all_of_it = COARSE + max(beyond.rank.shape).bit_length() - 1
-    levels = level_of(far - near).clamp(max=max(FINE, all_of_it))
+    all_of_it = levels_of(*beyond.pictures[0].rank.shape)
+    levels = level_of(far - near).clamp(max=all_of_it).clamp(min=FINE)
     levels = torch.where(deep, levels, FINE)
     down, across = beyond.fine
     middle = (
@@ -103,15 +110,17 @@ def hidden_layer(
     for level in torch.unique(levels).tolist():
         some = torch.nonzero(levels == level)[:, 0]
         if level > FINE:
-            places = beyond.places(at[some] + at.new_tensor(box[:2]))
+            cells, halvings = _cells(at[some], border[some], middle), halvings_for(level)
+            picture = beyond.pictures[halvings - COARSE]
             result, exists = continued(
-                [beyond.values],
-                beyond.rank,
-                places,
-                border[some],
-                level=level - COARSE,
-                middle=beyond.middle,
+                [picture.values],
+                picture.rank,
+                beyond.places(cells.at + cells.at.new_tensor(box[:2]), halvings),
+                cells.border,
+                level=level - halvings,
+                middle=picture.middle,
             )
+            result, exists = result.index_select(0, cells.of), exists.index_select(0, cells.of)
         else:
             result, exists = continued(
                 values, r, at[some], border[some], level=level, middle=middle
@@ -124,12 +133,54 @@ def hidden_layer(
     return HiddenLayer(color.reshape(-1, *inside.shape), radius, mask)
 
 
-def level_of(apart: Tensor) -> Tensor:
-    """The level of a continuation across radii so many px apart: [n] integers.
+class _Cells(NamedTuple):
+    """Pixels put together where the same colour will do for them.
 
-    It reaches twice as far as it must: of what is hidden deep, the mean of more is a better guess.
+    Attributes:
+        at: [m, 2] rows and columns of their middles.
+        border: [m].
+        of: [n] which of them each pixel belongs to.
     """
-    return (apart * _REACHED).log2().floor().long().add(2).clamp(min=FINE)
+
+    at: Tensor
+    border: Tensor
+    of: Tensor
+
+
+def _cells(at: Tensor, border: Tensor, middle: tuple[Axis, Axis]) -> _Cells:
+    """Cells of 2^COARSE px, symmetric about the middle of the frame, by borders.
+
+    Args:
+        at: [n, 2] rows and columns.
+        border: [n] few different ones.
+        middle: Of the frame.
+    """
+    side = 1 << COARSE
+    borders, key = torch.unique(border, return_inverse=True)
+    cells, starts, counts = [], [], []
+    for d, axis in enumerate(middle):
+        offset = at[:, d] - axis.middle
+        cell = (
+            offset.sign() * (offset.abs() + side // 2 - 1).div(side, rounding_mode="floor")
+            if axis.odd
+            else offset.div(side, rounding_mode="floor")
+        )
+        first, last = (int(end) for end in torch.aminmax(cell))
+        cells.append(cell - first)
+        starts.append(first)
+        counts.append(last + 1 - first)
+    key = (cells[0] * counts[1] + cells[1]) * len(borders) + key
+    present = torch.zeros(counts[0] * counts[1] * len(borders), dtype=torch.bool, device=at.device)
+    present[key] = True
+    some = torch.nonzero(present)[:, 0]
+    number = present.cumsum(0, dtype=torch.int32).index_select(0, key) - 1
+    cell = some.div(len(borders), rounding_mode="floor")
+    row = cell.div(counts[1], rounding_mode="floor")
+    places = [
+        (index + start) * side + axis.middle + (0.0 if axis.odd else (side - 1) / 2)
+        for index, start, axis in zip((row, cell - row * counts[1]), starts, middle, strict=True)
+    ]
+    return _Cells(torch.stack(places, 1), borders[some - cell * len(borders)], number)
 
 
 def _border(near: Tensor, far: Tensor) -> Tensor:

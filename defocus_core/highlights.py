@@ -17,8 +17,9 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core.aperture import Aperture, Part, kernel
-from defocus_core.continuation import REACH, Axis, continued
+from defocus_core.continuation import REACH, continued
 from defocus_core.convolution import reach
+from defocus_core.halving import Axis
 from defocus_core.tiling import BLOCK, Box, blocks_of
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.

@@ -9,6 +9,7 @@ is to a load differs from machine to machine and is for the caller to measure.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -95,8 +96,8 @@ def plan(
         threads=1,
     )
     scene = Presence(frame, signed_radius.detach())
-    work = _Work(scene)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    work = _Work(scene, grids)
     around = [
         _area(grid, frame.margin, frame) + _area(grid, frame.farthest, frame) for grid in grids
     ]
@@ -139,28 +140,71 @@ def plan(
 class _Work:
     """What the slices of a scene amount to: samples of transforms, counts of calls."""
 
-    def __init__(self, scene: Presence) -> None:
+    def __init__(self, scene: Presence, grids: list[Grid]) -> None:
         frame, windows = scene.frame, scene.frame.windows
+        self._frame, self._parts = frame, len(frame.parts)
         self.calls = self.forward = self.products = self.inverse = self.widest = 0.0
-        for visible, tilted, hidden in zip(scene.visible, scene.tilted, scene.hidden, strict=True):
-            leaning = set(tilted)
-            for rungs, together in ((visible, False), (hidden, True)):
-                for window, some in _by_window(windows, rungs):
-                    area = window.size[0] * window.size[1]
-                    lean = 0 if together else len(leaning.intersection(some))
-                    results = 1 if together else len({frame.layers[k] for k in some})
-                    terms = len(some) + 2 * lean
-                    self.calls += terms + results
-                    if window.margin == 0:  # copied
-                        continue
-                    self.forward += terms * area * math.log2(area)
-                    self.products += terms * area
-                    self.inverse += results * area * math.log2(area)
-                    self.widest = max(self.widest, (terms + results * len(frame.parts)) * area)
+        number = {tile: i for i, tile in enumerate(frame.grid.tiles)}
+        for grid in grids:
+            tiles = [number[tile] for tile in grid.tiles]
+            for plan, together in ((scene.visible, False), (scene.hidden, True)):
+                for i in tiles:
+                    self._add_tile(plan[i], [] if together else scene.tilted[i], together)
+                self._add_region(
+                    [plan[i] for i in tiles],
+                    [scene.tilted[i] for i in tiles if not together],
+                    _area(grid, frame.farthest, frame),
+                    together,
+                )
         kinds = 3 if any(scene.tilted) else 1
         areas = [w.size[0] * w.size[1] for w in windows if w.margin]
         self.spectra = kinds * sum(areas) / 2
         self.kernels = kinds * sum(area * math.log2(area) for area in areas)
+
+    def _add_tile(self, rungs: list[int], tilted: list[int], together: bool) -> None:
+        """A tile of a surface whose layers add up together, or do not."""
+        leaning = set(tilted)
+        for window, some in _by_window(self._frame.windows, rungs):
+            results = 1 if together else len({self._frame.layers[k] for k in some})
+            if window.halvings:  # only read
+                self.calls += results
+                self.products += results * self._frame.grid.side**2
+                continue
+            lean = 0 if together else len(leaning.intersection(some))
+            self.calls += len(some) + 2 * lean + results
+            if window.margin:  # else copied
+                self._add(window.size[0] * window.size[1], len(some) + 2 * lean, results)
+
+    def _add_region(
+        self, plans: list[list[int]], tilted: list[list[int]], pixels: float, together: bool
+    ) -> None:
+        """What is blurred at reduced resolution, for some tiles at once.
+
+        A slice is averaged and transformed within what it covers, about the share of tiles that it
+        reaches.
+        """
+        reached = Counter(k for rungs in plans for k in rungs)
+        leaning = {k for rungs in tilted for k in rungs}
+        for window, some in _by_window(self._frame.windows, sorted(reached)):
+            if not window.halvings:
+                continue
+            share = max(reached[k] for k in some) / len(plans)
+            lean = len(leaning.intersection(some))
+            results = 1 if together else len({self._frame.layers[k] for k in some})
+            self.calls += len(some) + 2 * lean + results
+            self.products += (
+                pixels
+                * sum((3 if k in leaning else 1) * reached[k] for k in some)
+                / (len(plans) * self._parts)
+            )
+            self._add(share * window.size[0] * window.size[1], len(some) + 2 * lean, results)
+
+    def _add(self, area: float, terms: int, results: int) -> None:
+        """Transforms of so many samples."""
+        self.forward += terms * area * math.log2(area)
+        self.products += terms * area
+        self.inverse += results * area * math.log2(area)
+        self.widest = max(self.widest, (terms + results * self._parts) * area)
 
 
 def _by_window(windows: list[Window], rungs: list[int]) -> Iterator[tuple[Window, list[int]]]:

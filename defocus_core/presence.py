@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from defocus_core.backdrop import COARSE
+from defocus_core.backdrop import halvings_for, level_of
 from defocus_core.continuation import REACH
 from defocus_core.frame import Frame
-from defocus_core.hidden import FINE, hidden_layer, level_of
+from defocus_core.hidden import FINE, hidden_layer
 from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
@@ -125,13 +125,13 @@ def _continued(near: Tensor, far: Tensor, some: Tensor, step: int) -> float:
     near, far, at = near[some], far[some], torch.nonzero(some) * step
     unit = ((far - near) * _BETWEEN).log2().floor().exp2()
     border = ((near + (far - near) / 4) / unit).round() * unit
-    levels = level_of(far - near)
+    levels = level_of(far - near).clamp(min=FINE)
     total = 0.0
     for level in torch.unique(levels).tolist():
         side, here = 2 * REACH << level, levels == level
         cells = at[here].div(side, rounding_mode="floor")
         blocks = len(torch.unique(torch.cat([cells, border[here, None]], 1), dim=0))
-        total += blocks * (1.5 * side) ** 2 / (4**COARSE if level > FINE else 1)
+        total += blocks * (1.5 * side) ** 2 / (4 ** halvings_for(level) if level > FINE else 1)
     return total
 
 

@@ -16,6 +16,8 @@ class Quality:
             occlude each other.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
+        full_resolution: Radius in px from which on slices are blurred at half resolution, at twice
+            that at a quarter, and so on.
         parts: Parts of the aperture that are composited one by one for the centre image: 1, 4
             or 16. With one, the dual-pixel pair composites its halves besides.
     """
@@ -25,6 +27,7 @@ class Quality:
     layer_ratio: float
     hidden_stride: int
     least_slope: float
+    full_resolution: float
     parts: int
 
 
@@ -35,6 +38,7 @@ QUALITY: dict[str, Quality] = {
         layer_ratio=2.0,
         hidden_stride=2,
         least_slope=0.2,
+        full_resolution=14.0,
         parts=1,
     ),
     "standard": Quality(
@@ -43,6 +47,7 @@ QUALITY: dict[str, Quality] = {
         layer_ratio=1.6,
         hidden_stride=2,
         least_slope=0.1,
+        full_resolution=20.0,
         parts=1,
     ),
     "high": Quality(
@@ -51,6 +56,7 @@ QUALITY: dict[str, Quality] = {
         layer_ratio=4 / 3,
         hidden_stride=1,
         least_slope=0.05,
+        full_resolution=40.0,
         parts=4,
     ),
     "reference": Quality(
@@ -59,6 +65,7 @@ QUALITY: dict[str, Quality] = {
         layer_ratio=1.2,
         hidden_stride=1,
         least_slope=0.02,
+        full_resolution=60.0,
         parts=16,
     ),
 }

@@ -12,8 +12,8 @@ from torch import Tensor
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.compositing import add_behind, pair_of, picture
-from defocus_core.continuation import axes
 from defocus_core.frame import Frame
+from defocus_core.halving import axes
 from defocus_core.hidden import HiddenLayer, hidden_layer
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import Unmixed, unmixed, whole
@@ -51,7 +51,13 @@ class Region:
         outer = core.grown(frame.margin, frame.box)
         inner = core.grown(frame.farthest, frame.box)
         self._inside = inner.seen_from(outer)
-        self._blur = Blur(frame.windows, frame.reaches, grid.seen_from(inner), frame.groups)
+        self._blur = Blur(
+            frame.windows,
+            frame.reaches,
+            grid.seen_from(inner),
+            frame.groups,
+            axes(frame.size, inner.top, inner.left),
+        )
         spans = list(dict.fromkeys(map(id, frame.windows)))
         self._spans = [spans.index(id(window)) for window in frame.windows]
         middle = axes(frame.size, outer.top, outer.left)
@@ -106,7 +112,7 @@ class Region:
             position(fringe.signed_radius[here], frame.radii),
             None if lean is None else inside.seen_from(around).of(lean),
         )
-        return self._blur.sliced(samples, 1)
+        return self._blur.sliced(samples, 1, frame.layers)
 
     def _behind(self, hidden: HiddenLayer, stride: int) -> Sliced | None:
         """A layer behind the visible one, None if it has no pixels."""
@@ -118,18 +124,18 @@ class Region:
         places = position(radius, self._frame.radii[::stride])
         nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
         samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
-        return self._blur.sliced(samples, stride)
+        return self._blur.sliced(samples, stride, self._spans)
 
     def tile(self, index: int) -> tuple[Tensor, Tensor]:
         """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
         frame = self._frame
-        visible = self._blur.over_tile(self._visible, index, frame.layers)
+        visible = self._blur.over_tile(self._visible, index)
         nothing: list[dict[int, Tensor]] = [{} for _ in frame.groups]
         known = invented = nothing
         if self._known:
-            known = self._blur.over_tile(self._known, index, self._spans)
+            known = self._blur.over_tile(self._known, index)
         if self._invented:
-            invented = self._blur.over_tile(self._invented, index, self._spans)
+            invented = self._blur.over_tile(self._invented, index)
         (whole, observed), *halves = (
             self._seen(*layers, index=index)
             for layers in zip(frame.groups, visible, known, invented, strict=True)
@@ -197,7 +203,7 @@ class Region:
         sliced = [s for s in (self._visible, self._known, self._invented) if s]
         work = [
             windows[rung * stride]
-            for surface, stride in sliced
+            for surface, stride, *_ in sliced
             for rungs in surface.plan
             for rung in rungs
         ]
@@ -207,7 +213,7 @@ class Region:
             for i, tile in enumerate(self._tiles)
             if not any(
                 windows[rung * stride].margin
-                for surface, stride in sliced
+                for surface, stride, *_ in sliced
                 for rung in surface.plan[i]
             )
         ]

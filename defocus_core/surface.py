@@ -7,8 +7,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.halving import Axis, extended, halved, halves
 from defocus_core.slicing import membership
-from defocus_core.tiling import Box, Grid, blocks_at, blocks_of, visible_slices
+from defocus_core.tiling import BLOCK, Box, Grid, blocks_at, blocks_of, visible_slices
 
 # Samples on a side of the blocks by which points are found.
 _BLOCK = 32
@@ -58,16 +59,17 @@ class Surface:
         self._rungs = count = len(reaches)
         H, W = samples.places.shape
         first, last = grid.tiles[0], grid.tiles[-1]
-        self._origin = (before - first.top, before - first.left)
+        self._origin = (max(before - first.top, 0), max(before - first.left, 0))
         self._size = (
-            max(last.top - first.top + before + beyond, self._origin[0] + H),
-            max(last.left - first.left + before + beyond, self._origin[1] + W),
+            self._origin[0] + max(last.top + beyond, H),
+            self._origin[1] + max(last.left + beyond, W),
         )
         exists = samples.layer[-1].detach() > 0
         blocks = blocks_of(samples.places, count, None if bool(exists.all()) else exists)
         if len(samples.at):
             blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
+        self._samples, self._blocks = samples, blocks
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes = None
         if samples.slopes is not None:
@@ -104,6 +106,51 @@ class Surface:
         assert self._slopes is not None
         return self._window(index, margin, size)[1].of(self._slopes)
 
+    def bounds(self, rungs: list[int]) -> Box:
+        """A rectangle that holds all samples of some slices."""
+        return _bounds(self._blocks[rungs].any(0), self._samples.places.shape)
+
+    def averaged(
+        self,
+        rung: int,
+        halvings: int,
+        cells: Box,
+        middle: tuple[Axis, Axis],
+        *,
+        tilted: bool,
+    ) -> Tensor:
+        """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w].
+
+        Args:
+            rung: Its number on the ladder.
+            halvings: How many times resolution is halved.
+            cells: What is wanted, in pixels of that resolution, counted from the first at or
+                after the middle of the frame.
+            middle: Of the frame, counted from the first sample.
+            tilted: Whether it has slopes.
+        """
+        layer, places, slopes = self._samples.layer, self._samples.places, self._samples.slopes
+        some = _bounds(self._blocks[rung], places.shape)
+        share = (1 - (some.of(places) - rung).abs_()).clamp_(min=0)
+        pixels = (some.of(layer) * share)[None]
+        if tilted and slopes is not None:
+            pixels = torch.cat([pixels, pixels * some.of(slopes)[:, None]])
+        down, across = (
+            Axis(axis.middle - start, axis.odd)
+            for axis, start in zip(middle, some[:2], strict=True)
+        )
+        for _ in range(halvings):
+            y, x = halves(pixels.shape[-2], down), halves(pixels.shape[-1], across)
+            pixels = halved(extended(pixels, y, x, 0.0), (down.odd, across.odd)) / 4
+            down, across = y.axis, x.axis
+        found = Box(-down.middle, -across.middle, *pixels.shape[-2:])
+        here = found.grown(0, cells)
+        result = pixels.new_zeros(*pixels.shape[:2], *cells[2:])
+        if here.height > 0 and here.width > 0:
+            here.seen_from(cells).of(result).copy_(here.seen_from(found).of(pixels))
+        self._extra.averaged(result[0], rung, 1 << halvings, cells, middle)
+        return result
+
     def _window(
         self, index: int, margin: int, size: tuple[int, int]
     ) -> tuple[tuple[int, int], Box]:
@@ -111,6 +158,17 @@ class Surface:
         tile = self._tiles[index]
         y, x = tile.top - margin, tile.left - margin
         return (y, x), Box(y + self._origin[0], x + self._origin[1], *size)
+
+
+def _bounds(blocks: Tensor, size: torch.Size) -> Box:
+    """The rectangle of a frame that holds all blocks [rows, columns] that are true."""
+    ends = []
+    for dim, length in enumerate(size):
+        some = torch.nonzero(blocks.any(1 - dim))[:, 0]
+        first, last = (int(some[0]), int(some[-1]) + 1) if len(some) else (0, 0)
+        ends.append((first * BLOCK, min(last * BLOCK, length)))
+    (top, below), (left, beside) = ends
+    return Box(top, left, below - top, beside - left)
 
 
 class _Points:
@@ -174,3 +232,37 @@ class _Points:
             target = slot.clamp(min=0) * (channels * height * width) + channel + spot
             flat.index_add_(0, target.flatten(), (layer * share).flatten())
         return pixels
+
+    def averaged(
+        self, pixels: Tensor, rung: int, step: int, cells: Box, middle: tuple[Axis, Axis]
+    ) -> None:
+        """Add the points of a slice to it at reduced resolution.
+
+        Args:
+            pixels: [C + 1, height, width] without; changed.
+            rung: Of the slice.
+            step: Px between cells.
+            cells: What the pixels are, counted from the first at or after the middle of the frame.
+            middle: Of the frame, counted from the first sample.
+        """
+        share = 1 - (self._places - rung).abs()
+        here = torch.nonzero(share.detach() > 0)[:, 0]
+        if not len(here):
+            return
+        layer = self._layer[here] * share[here, None] / step**2
+        sides = []  # of each axis the cells that have shares in a pixel, and the shares
+        for dim, (axis, start) in enumerate(zip(middle, cells[:2], strict=True)):
+            offset = self._at[here, dim] - axis.middle
+            lower = offset.div(step, rounding_mode="floor")
+            upper = (offset - lower * step).to(layer.dtype) / step
+            sides.append(
+                [(lower - start, 1 - upper), (lower + 1 - start, upper)]
+                if axis.odd
+                else [(lower - start, torch.ones_like(upper))]
+            )
+        for y, of_row in sides[0]:
+            for x, of_column in sides[1]:
+                inside = (y >= 0) & (y < cells.height) & (x >= 0) & (x < cells.width)
+                some = layer * (of_row * of_column * inside)[:, None]
+                spot = torch.where(inside, y * cells.width + x, 0)
+                pixels.view(len(pixels), -1).index_add_(1, spot, some.T)

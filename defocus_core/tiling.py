@@ -19,7 +19,7 @@ BLOCK = 16
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
 _REGION = 640
 # Margins of light from outside may enlarge a region by so much on each side, as a share of it.
-_MARGIN = 0.25
+_MARGIN = 0.15
 # Slices that share an integer of bits.
 _BITS = 62
 
@@ -108,6 +108,12 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
         ]
         for vertical in down
     ]
+
+
+def largest(rows: list[list[Grid]]) -> tuple[int, int]:
+    """The greatest height and the greatest width of regions."""
+    boxes = [grid.box for row in rows for grid in row]
+    return max(box.height for box in boxes), max(box.width for box in boxes)
 
 
 def _shared_out(count: int, parts: int) -> list[tuple[int, int]]:

@@ -33,6 +33,7 @@ from defocus_core.probes import (
 from defocus_core.quality import find
 
 _RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on rungs and between them
+_RIM = 1 / 16  # of the radius: what a rim may be wide where resolution is reduced
 _LEAST_RIM = 7.0  # px of radius from which a rim has enough pixels to be measured
 
 
@@ -61,7 +62,8 @@ def discs(setting: Setting) -> list[Check]:
             halves.append(abs(seen / apart - 1))
             if abs(r) >= _LEAST_RIM:
                 ladder = 0.0 if light else max(step.near_spacing, step.far_spacing * abs(r))
-                rims[light].append(rim_width(whole, r) - ladder)
+                least = 1.0 if light else max(1.0, _RIM * abs(r))
+                rims[light].append((rim_width(whole, r) - ladder) / least)
         fit = sum(r * seen for r, seen in lengths) / sum(r * r for r, _ in lengths)
         slopes.append(abs(fit - 1))
         relative += [abs(seen / r - 1) for r, seen in lengths]
@@ -70,7 +72,11 @@ def discs(setting: Setting) -> list[Check]:
         Check("PSF radius", "second-moment radius off r, |r| 4 to 32 px", "%", _pc(relative), 1.0),
         Check("sharp rim", "disc of a light, from 90 % to 10 %", "px", greatest(rims[True]), 1.0),
         Check(
-            "sharp rim", "of a surface, beyond a step of slices", "px", greatest(rims[False]), 1.0
+            "sharp rim",
+            "of a surface, beyond a step of slices",
+            "px or r/16",
+            greatest(rims[False]),
+            1.0,
         ),
         Check("centroid", "of the disc, off the point", "px", greatest(centres), 0.01),
         Check("half discs", "distance left to right, off 8 r/(3 pi)", "%", _pc(halves), 1.0),

@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture, Part
-from defocus_core.convolution import kernel_spectra, transform_length
+from defocus_core.convolution import kernel_spectra, reach, transform_length
+
+# Sizes of a transform at reduced resolution: quarters of the largest.
+_SIZES = 4
+
+
+class Spread(NamedTuple):
+    """How a slice is blurred.
+
+    Attributes:
+        halvings: How many times resolution is halved.
+        cells: Pixels of that resolution that its kernel spreads.
+        px: Pixels of the picture that light spreads at most.
+    """
+
+    halvings: int
+    cells: int
+    px: int
 
 
 @dataclass(frozen=True)
@@ -18,45 +37,67 @@ class Window:
 
     Attributes:
         margin: Px around a tile that its slices reach at most; 0 if they are not blurred at all.
-        size: (height, width) of the transform.
+        size: (height, width) of the transform; at reduced resolution the greatest there is.
+        halvings: How many times resolution is halved; margin and size are in px of the result.
         slices: Their numbers.
         radii: Of these in px, [k], float64.
         aperture: The pupil.
         parts: M parts of it.
         like: Of the dtype and device of the spectra.
+        cache: Spectra that were asked for.
     """
 
     margin: int
     size: tuple[int, int]
+    halvings: int
     slices: list[int]
     radii: Tensor
     aperture: Aperture
     parts: list[Part]
     like: Tensor
+    cache: dict[tuple[tuple[int, int], bool], dict[int, Tensor]]
 
-    @cached_property
-    def spectra(self) -> dict[int, Tensor]:
+    def spectra(self, size: tuple[int, int]) -> dict[int, Tensor]:
         """Of the kernels, by the number of the slice: [M, 1, height, width // 2 + 1]."""
-        return self._spectra(leaning=False)
+        return self._cached(size, leaning=False)
 
-    @cached_property
-    def leaning(self) -> dict[int, Tensor]:
+    def leaning(self, size: tuple[int, int]) -> dict[int, Tensor]:
         """The same times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
-        return self._spectra(leaning=True)
+        return self._cached(size, leaning=True)
 
-    def _spectra(self, *, leaning: bool) -> dict[int, Tensor]:
-        spectra = kernel_spectra(
-            self.radii, self.margin, self.size, self.aperture, self.parts, leaning=leaning
+    def fitting(self, least: Sequence[int]) -> tuple[int, int]:
+        """One of few sizes, of at least so many rows and columns, that are not more than needed."""
+        height, width = (
+            min(
+                transform_length(-(-n * share // _SIZES))
+                for share in range(1, _SIZES + 1)
+                if transform_length(-(-n * share // _SIZES)) >= wanted
+            )
+            for n, wanted in zip(self.size, least, strict=True)
         )
-        spectra = spectra.to(self.like).unsqueeze(-3)
-        return dict(zip(self.slices, spectra, strict=True))
+        return height, width
+
+    def _cached(self, size: tuple[int, int], *, leaning: bool) -> dict[int, Tensor]:
+        if (size, leaning) not in self.cache:
+            spectra = kernel_spectra(
+                self.radii / (1 << self.halvings),
+                self.margin,
+                size,
+                self.aperture,
+                self.parts,
+                leaning=leaning,
+            )
+            spectra = spectra.to(self.like).unsqueeze(-3)
+            self.cache[size, leaning] = dict(zip(self.slices, spectra, strict=True))
+        return self.cache[size, leaning]
 
 
 def windows(
     radii: tuple[float, ...],
-    reaches: list[int],
+    spreads: list[Spread],
     layers: list[int],
     side: tuple[int, int],
+    region: tuple[int, int],
     aperture: Aperture,
     parts: list[Part],
     dtype: torch.dtype,
@@ -66,25 +107,55 @@ def windows(
 
     Args:
         radii: Of the slices in px.
-        reaches: Px that each spreads.
+        spreads: How they are blurred, alike for all of a layer.
         layers: The number of the layer of each.
-        side: (height, width) of a tile in px.
+        side: (height, width) of a tile in px: what is blurred at once at full resolution.
+        region: (height, width) of a region in px: what is at reduced resolution.
         aperture: The pupil.
         parts: M parts of it.
         dtype: Of the pictures.
         device: Of the pictures.
     """
-    sharing: dict[tuple[int, int, bool], list[int]] = {}
+    sharing: dict[tuple[int, int, int, bool], list[int]] = {}
     for k, number in enumerate(layers):
-        widest = max(reaches[j] for j, other in enumerate(layers) if other == number)
-        rows, columns = (transform_length(n + 2 * widest) for n in side)
-        sharing.setdefault((rows, columns, widest == 0), []).append(k)
+        halvings = spreads[k].halvings
+        widest = max(spreads[j].cells for j, other in enumerate(layers) if other == number)
+        extents = [(n >> halvings) + 3 for n in region] if halvings else side
+        rows, columns = (transform_length(n + 2 * widest) for n in extents)
+        sharing.setdefault((rows, columns, halvings, widest == 0), []).append(k)
     precision = torch.complex128 if dtype == torch.float64 else torch.complex64
     like = torch.empty(0, dtype=precision, device=device)
     found: dict[int, Window] = {}
-    for (rows, columns, _), slices in sharing.items():
-        extent = max(reaches[k] for k in slices)
+    for (rows, columns, halvings, _), slices in sharing.items():
+        extent = max(spreads[k].cells for k in slices)
         some = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
-        window = Window(extent, (rows, columns), slices, some, aperture, parts, like)
+        window = Window(extent, (rows, columns), halvings, slices, some, aperture, parts, like, {})
         found.update(dict.fromkeys(slices, window))
     return [found[k] for k in range(len(radii))]
+
+
+def spreads_of(
+    radii: tuple[float, ...], layers: list[int], full_resolution: float, limit: int
+) -> list[Spread]:
+    """How slices are blurred: all of a layer at one resolution.
+
+    Args:
+        radii: Of the slices in px.
+        layers: The number of the layer of each.
+        full_resolution: Radius in px from which on resolution is halved, and halved again at
+            each doubling.
+        limit: Px that a slice spreads at most: as far as there is anything.
+    """
+    least: dict[int, float] = {}
+    for radius, number in zip(radii, layers, strict=True):
+        least[number] = min(least.get(number, math.inf), abs(radius))
+    found = []
+    for radius, number in zip(radii, layers, strict=True):
+        ratio = min(least[number], limit) / full_resolution
+        halvings = math.floor(math.log2(ratio)) + 1 if ratio >= 1 else 0
+        step = 1 << halvings
+        cells = reach(radius / step, -(-limit // step))
+        # a pixel has shares in cells beside it, and is read from cells beside it
+        px = min(step * (cells + 2), limit) if halvings else cells
+        found.append(Spread(halvings, cells, px))
+    return found

@@ -23,10 +23,21 @@ LAYERS = [
     {"assembly"},
     {"baselines", "presence", "region"},
     {"blur", "frame"},
+    {"reduced"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
     {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
-    {"aperture", "metrics", "probes", "quality", "scenery", "slopes", "threads", "tiling"},
+    {
+        "aperture",
+        "halving",
+        "metrics",
+        "probes",
+        "quality",
+        "scenery",
+        "slopes",
+        "threads",
+        "tiling",
+    },
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

@@ -1,0 +1,114 @@
+"""Halving the resolution of pictures, symmetrically about the middle of the frame.
+
+A mirrored picture halves to its mirror image, and a part of a frame as the whole. Of an even length
+two pixels make one of the next level. Of an odd length every second pixel does, with half of its
+neighbours.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+
+class Axis(NamedTuple):
+    """Where the middle of the frame lies.
+
+    Attributes:
+        middle: The first index at or after it.
+        odd: Whether it is a pixel, and not between two.
+    """
+
+    middle: int
+    odd: bool
+
+
+def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:
+    """The middle of a frame of (height, width), counted from a pixel of it."""
+    down, across = (
+        Axis(n // 2 - start, n % 2 == 1) for n, start in zip(size, (top, left), strict=True)
+    )
+    return down, across
+
+
+class Halves(NamedTuple):
+    """How the pixels of one axis make those of half resolution.
+
+    Attributes:
+        before: Pixels missing at the beginning.
+        after: Pixels missing at the end.
+        length: Pixels of half resolution.
+        axis: Where the middle is among them.
+    """
+
+    before: int
+    after: int
+    length: int
+    axis: Axis
+
+
+def halves(length: int, axis: Axis) -> Halves:
+    """What an axis of some pixels lacks to be halved."""
+    before = axis.middle % 2
+    after = (length + before + axis.odd) % 2
+    middle = Axis((axis.middle + before) // 2, axis.odd)
+    return Halves(before, after, (length + before + after + axis.odd) // 2, middle)
+
+
+def extended(values: Tensor, down: Halves, across: Halves, value: float) -> Tensor:
+    """Values [..., H, W] with the missing pixels, which get a value."""
+    missing = (across.before, across.after, down.before, down.after)
+    return pad(values, missing, value=value) if any(missing) else values
+
+
+def greatest(values: Tensor, middle: tuple[Axis, Axis], missing: float) -> Tensor:
+    """The greatest [h, w] of the pixels [H, W] that make one of half resolution.
+
+    Args:
+        values: [H, W].
+        middle: Of the frame.
+        missing: What pixels outside count as.
+    """
+    down, across = (halves(n, axis) for n, axis in zip(values.shape, middle, strict=True))
+    values = extended(values, down, across, missing)
+    for dim, axis in enumerate(middle):
+        even, odd = (values[i::2] if dim == 0 else values[:, i::2] for i in (0, 1))
+        if not axis.odd:
+            values = torch.maximum(even, odd)
+            continue
+        n = odd.shape[dim]
+        values = even.clone()
+        for start in (0, 1):
+            side = values.narrow(dim, start, n)
+            torch.maximum(side, odd, out=side)
+    return values
+
+
+def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
+    """For each pixel the greatest [H, W] of those of half resolution [h, w] that it is part of."""
+    for dim in (0, 1):
+        twice = values.repeat_interleave(2, dim)
+        if odd[dim]:
+            n = 2 * values.shape[dim] - 1
+            values = torch.maximum(twice.narrow(dim, 0, n), twice.narrow(dim, 1, n))
+        else:
+            values = twice
+    return values
+
+
+def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
+    """Sums [..., h, w] of the pixels [..., H, W] that make one of half resolution."""
+    for dim in (-1, -2):
+        even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
+        other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
+        if odd[dim]:
+            half = other / 2
+            before = (1, 0) if dim == -1 else (0, 0, 1, 0)
+            after = (0, 1) if dim == -1 else (0, 0, 0, 1)
+            values = even + pad(half, before) + pad(half, after)
+        else:
+            values = even + other
+    return values
