@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from defocus_cli.files import sync_folder, unwritable
+from defocus_cli.files import leftover, sync_folder, unwritable
 from defocus_cli.quantities import length_text
 from defocus_cli.report import version
 
@@ -91,7 +91,7 @@ class _Replaced:
 
     def begin(self, path: Path) -> None:
         """Keep what is at a path that is about to be written."""
-        kept = path.with_name(f".{path.name[:60]}.{os.getpid()}.before")
+        kept = path.with_name(f"{leftover(path, os.getpid())}before")
         try:
             os.link(path, kept)
         except FileNotFoundError:

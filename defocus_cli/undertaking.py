@@ -12,10 +12,11 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from glob import escape
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.files import unwritable, written_whole
+from defocus_cli.files import leftover, unwritable, written_whole
 from defocus_cli.job import KINDS
 from defocus_cli.journal import Shard
 
@@ -108,6 +109,14 @@ def sweep_up(out: Path) -> None:
             for entry in os.scandir(folder):
                 if _LEFTOVER.fullmatch(entry.name):
                     Path(entry.path).unlink(missing_ok=True)
+
+
+def sweep_up_after(process: int, files: Iterable[Path]) -> None:
+    """Remove what a process that is dead left half-written of these files."""
+    for path in files:
+        for left in path.parent.glob(f"{escape(leftover(path, process))}*"):
+            if _LEFTOVER.fullmatch(left.name):
+                left.unlink(missing_ok=True)
 
 
 def _line(value: Mapping[str, Any]) -> bytes:

@@ -22,6 +22,7 @@ from command_line import (
 )
 
 from defocus_cli import engine
+from defocus_cli.interrupts import put_off
 
 
 def fill_at_the_third_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,7 +131,7 @@ def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> N
 
 def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
     def imports() -> None:
-        with engine.interrupts_held():
+        with put_off():
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)
             done.append("imports")
