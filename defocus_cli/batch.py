@@ -100,6 +100,8 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
         except BaseException:
             run.end(done=len(jobs) == 1)
             raise
+        if how.shard is None:  # else others write here
+            undertaking.sweep_up(out)
         run.end(done=summary.left == 0, settled=True)
     summary.interrupted = interrupts.asked
     return summary

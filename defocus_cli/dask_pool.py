@@ -7,6 +7,7 @@ twice, which changes nothing: outputs are written whole, and only this process w
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib.util import find_spec
@@ -39,6 +40,8 @@ def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         import distributed
 
+        # It would tell people of each worker that dies; what becomes of the jobs we tell ourselves.
+        logging.getLogger("distributed.client").setLevel(logging.ERROR)
         make_client: Any = distributed.Client  # without types
 
         try:

@@ -237,6 +237,21 @@ def test_what_a_killed_run_had_begun_is_its_own(
     assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
 
 
+def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
+    folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = engine.write
+
+    def leaving(made: engine.Made) -> engine.Outcome:
+        done = write(made)
+        (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
+        return done
+
+    monkeypatch.setattr(engine, "write", leaving)
+    assert again(folders, out).code == 0
+    assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
+
+
 def test_what_failed_is_tried_again(
     folders: tuple[Path, Path], out: Path, computed: Computed
 ) -> None:

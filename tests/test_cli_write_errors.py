@@ -21,7 +21,7 @@ from command_line import (
     render,
 )
 
-from defocus_cli import engine
+from defocus_cli import encode, engine
 from defocus_cli.interrupts import put_off
 
 
@@ -93,6 +93,22 @@ def test_a_disk_that_fills_up_leaves_no_half_picture(
     ran = render(color, depth, "-o", out, "--outputs", "render,left,right")
     refused(ran, 3, "No space left")
     assert not out.exists()
+
+
+def test_a_file_that_another_worker_wrote_meanwhile_stays(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cluster may do a job twice; the one that comes to grief takes back its own files alone."""
+
+    def full(*_: object, **__: object) -> None:
+        other = out / "render" / "other"
+        other.write_text("theirs")
+        other.replace(out / "render" / "color.exr")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(encode, "write_map", full)
+    refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, "No space left")
+    assert (out / "render" / "color.exr").read_text() == "theirs"
 
 
 def test_the_systems_own_errors_are_one_line(
