@@ -94,6 +94,8 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
     told = {"jobs": summary.jobs, "left": left, "begun": _now()}
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
         run = Undertaking(path, told, plan.left)
+        if how.shard is None and not how.again:
+            undertaking.take_over(out)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
                 _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
@@ -152,6 +154,8 @@ class _Batch:
             raise NoSpace(*result["message"].split(": ", 1))
         record = record_of(job, self.plan.todo[number][1], self.out, result)
         self.journal.append(record)
+        if result["status"] == "ok":
+            self.run.known(job.names.values())
         self.summary.left -= 1
         self.summary.statuses[result["status"]] += 1
         self.summary.warned += bool(result["warnings"])

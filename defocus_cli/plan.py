@@ -24,7 +24,7 @@ class Plan:
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
-        left: files that a run which did not end was about to write, and that are none of ``todo``.
+        left: files that runs which did not end were about to write, and that no journal knows.
     """
 
     todo: list[tuple[Job, str]]
@@ -42,7 +42,6 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     """
     refuse_misplaced(jobs)
     ledger = Ledger(out, read_all(out))
-    begun = undertaking.begun(out)
     todo: list[tuple[Job, str]] = []
     settled: list[tuple[Job, Record]] = []
     changed = 0
@@ -59,9 +58,9 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
         changed += not forced and any(name in ledger.files for name in job.names.values())
     now = todo if how.limit is None else todo[: how.limit]
     ledger.refuse_other_pictures(job for job, _ in now)
-    refuse_unknown([job for job, _ in now], ledger.files | begun)
-    own = {name for job, _ in now for name in job.names.values()}
-    left = frozenset(name for name in begun - ledger.files - own if (out / name).exists())
+    refuse_unknown([job for job, _ in now], ledger.files | undertaking.begun(out))
+    begun = undertaking.begun(out, how.shard) - ledger.files
+    left = frozenset(name for name in begun if (out / name).exists())
     return Plan(now, settled, len(todo) - len(now), changed, left)
 
 

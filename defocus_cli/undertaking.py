@@ -38,14 +38,15 @@ def plan_of(out: Path, shard: Shard | None) -> dict[str, Any] | None:
     return next(iter(_lines(run_path(out, shard))), None)
 
 
-def begun(out: Path) -> set[str]:
-    """Files that a run was about to write, relative to OUT, and that no journal may know."""
-    return {
-        name
-        for path in sorted(out.glob(".journal*.run"))
-        for line in _lines(path)[1:]
-        for name in line.get("files", ())
-    }
+def begun(out: Path, shard: Shard | None = None) -> set[str]:
+    """Files that a run was about to write, relative to OUT, and that no journal may know.
+
+    Args:
+        out: the directory.
+        shard: only what runs on this shard were about to write.
+    """
+    paths = out.glob(".journal*.run") if shard is None else [run_path(out, shard)]
+    return {name for path in paths for line in _lines(path)[1:] for name in line.get("files", ())}
 
 
 class Undertaking:
@@ -54,14 +55,14 @@ class Undertaking:
     Args:
         path: of the file.
         plan: what it sets out to do.
-        before: files that an earlier run left, which are none of this one's.
+        before: files that earlier runs left and that no journal knows.
 
     Raises:
         InputError: the file cannot be written.
     """
 
     def __init__(self, path: Path, plan: Mapping[str, Any], before: Iterable[str]) -> None:
-        self.path, self.plan, self.before = path, plan, sorted(before)
+        self.path, self.plan, self.before = path, plan, set(before)
         self._write()
         try:
             self._number = os.open(path, os.O_WRONLY | os.O_APPEND)
@@ -79,6 +80,10 @@ class Undertaking:
             os.fdatasync(self._number)
         except OSError as error:
             raise unwritable(self.path, error) from error
+
+    def known(self, files: Iterable[str]) -> None:
+        """The journal knows these files from now on."""
+        self.before.difference_update(files)
 
     def end(self, *, done: bool, settled: bool = False) -> None:
         """Forget what there is no need to remember.
@@ -99,7 +104,13 @@ class Undertaking:
         with written_whole(self.path) as file:
             file.write(_line(self.plan))
             if self.before:
-                file.write(_line({"files": self.before}))
+                file.write(_line({"files": sorted(self.before)}))
+
+
+def take_over(out: Path) -> None:
+    """Forget the runs on shards, now that one on all of OUT has noted what they left."""
+    for path in out.glob(".journal-*.run"):
+        path.unlink(missing_ok=True)
 
 
 def sweep_up(out: Path) -> None:
