@@ -91,7 +91,7 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
         if not plan.left:
             path.unlink(missing_ok=True)
         return summary
-    told = {"jobs": summary.jobs, "left": left, "begun": _now()}
+    told = {"jobs": summary.jobs, "left": left, "again": plan.again, "begun": _now()}
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
         run = Undertaking(path, told, plan.left)
         if how.shard is None and not how.again:

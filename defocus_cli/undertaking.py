@@ -113,6 +113,19 @@ def take_over(out: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def count_down(out: Path, shard: Shard, done: int) -> None:
+    """Say that fewer jobs are left of a run on a shard, whose records are elsewhere from now on.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    path = run_path(out, shard)
+    plan, *begun = _lines(path)
+    with written_whole(path) as file:
+        for line in ({**plan, "left": max(plan["left"] - done, 0)}, *begun):
+            file.write(_line(line))
+
+
 def sweep_up(out: Path) -> None:
     """Remove what processes left half-written that were killed. Nobody else may write to OUT."""
     for folder in (out, *(out / kind for kind in KINDS)):

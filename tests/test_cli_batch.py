@@ -102,6 +102,26 @@ def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
     assert run("status", out, "--json").json["left"] == 0
 
 
+def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
+    run("batch", path, "-o", out, "--limit", "1")
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["left"], told["again"], told["jobs"]) == (4, 3, 3, 4)
+    assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
+
+
+def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out, "--shard", "1/2", "--limit", "1")
+    assert "shard 1/2 did not get to its end" in run("merge", out).err
+    assert run("status", out, "--json").json["left"] == 1
+    assert run("batch", path, "-o", out).code == 0
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["left"], told["jobs"], told["shards"]) == (4, 0, 4, None)
+
+
 def test_shards_merged_are_one_run(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, *"abcde")
     run("batch", path, "-o", tmp_path / "whole")
