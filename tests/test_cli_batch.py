@@ -284,6 +284,19 @@ def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path: Path, out: Path
     assert "would read" in run("batch", path, "-o", out, "--dry-run", "-v").out
 
 
+def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    ran = run("batch", path, "-o", out, "--dry-run")
+    assert ran.code == 0
+    assert ran.err.count("a.exr: has 384 pixels that are NaN or ≤ 0") == 2
+    assert "4 to do\n2 of 4 that were looked at would not be done\nabout " in ran.out
+    told = run("batch", path, "-o", out, "--dry-run", "--json").json
+    assert (told["unusable"], told["forecast"]["pictures_read"]) == (2, 2)
+    reading = told["forecast"]["read_seconds"]
+    assert told["seconds"] * told["processes"] == pytest.approx(reading / 2), "of 2 lenses each"
+
+
 def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out, "--shards-size", "1GB")
