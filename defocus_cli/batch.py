@@ -91,9 +91,10 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
         if not plan.left:
             path.unlink(missing_ok=True)
         return summary
-    told = {"jobs": summary.jobs, "left": left, "again": plan.again, "begun": _now()}
+    others = undertaking.left(out) if how.again else 0  # what a batch that was stopped has left
+    begun = {"jobs": summary.jobs, "left": left + others, "again": plan.again, "begun": _now()}
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        run = Undertaking(path, told, plan.left)
+        run = Undertaking(path, begun, plan.left, others=others)
         if how.shard is None and not how.again:
             undertaking.take_over(out)
         try:

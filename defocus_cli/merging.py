@@ -28,7 +28,7 @@ def merge(out: Path) -> Merged:
     journal.require_journal(out)
     with locked(out, say=report.say):
         shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]
-        counts = {shard: len(_since_begun(out, shard)) for shard in shards}
+        left = {shard: undertaking.left(out, shard) for shard in shards}
         records = journal.read_all(out)
         if shards:
             with written_whole(journal.journal_path(out)) as file:
@@ -40,18 +40,9 @@ def merge(out: Path) -> Merged:
             if plan is None:
                 continue
             report.say(f"{out}: warning: shard {shard.number}/{shard.of} did not get to its end")
-            undertaking.count_down(out, shard, counts[shard])
+            undertaking.count_down(out, shard, left[shard])
         undertaking.sweep_up(out)
     return Merged(len(Ledger(out, records).live), len(shards), _missing(shards))
-
-
-def _since_begun(out: Path, shard: journal.Shard) -> list[journal.Record]:
-    """The records of the run on a shard that did not get to its end."""
-    plan = undertaking.plan_of(out, shard)
-    if plan is None:
-        return []
-    records = journal.read(journal.journal_path(out, shard))
-    return [record for record in records if record["finished"] >= plan["begun"]]
 
 
 def _missing(shards: list[journal.Shard]) -> list[str]:

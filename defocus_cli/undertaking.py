@@ -18,7 +18,7 @@ from typing import Any
 
 from defocus_cli.files import leftover, unwritable, written_whole
 from defocus_cli.job import KINDS
-from defocus_cli.journal import Shard
+from defocus_cli.journal import Shard, journal_path, read
 
 _LEFTOVER = re.compile(r"\..+\.\d+(\.\d+\.tmp|\.before)")
 
@@ -56,13 +56,16 @@ class Undertaking:
         path: of the file.
         plan: what it sets out to do.
         before: files that earlier runs left and that no journal knows.
+        others: jobs of an earlier run among those left, which this one leaves to another.
 
     Raises:
         InputError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, plan: Mapping[str, Any], before: Iterable[str]) -> None:
-        self.path, self.plan, self.before = path, plan, set(before)
+    def __init__(
+        self, path: Path, plan: Mapping[str, Any], before: Iterable[str], *, others: int = 0
+    ) -> None:
+        self.path, self.plan, self.before, self.others = path, plan, set(before), others
         self._write()
         try:
             self._number = os.open(path, os.O_WRONLY | os.O_APPEND)
@@ -94,10 +97,11 @@ class Undertaking:
         """
         with suppress(OSError):
             os.close(self._number)
-            if done and not self.before:
+            if done and not self.before and not self.others:
                 self.path.unlink()
             elif done or settled:
-                self.plan = {**self.plan, "left": 0} if done else self.plan
+                if done and not self.others:
+                    self.plan = {**self.plan, "left": 0}
                 self._write()
 
     def _write(self) -> None:
@@ -113,8 +117,22 @@ def take_over(out: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def count_down(out: Path, shard: Shard, done: int) -> None:
-    """Say that fewer jobs are left of a run on a shard, whose records are elsewhere from now on.
+def left(out: Path, shard: Shard | None = None) -> int:
+    """How many jobs are left of a run that did not get to its end; 0 if it did.
+
+    Raises:
+        InputError: the journal cannot be read.
+    """
+    plan = plan_of(out, shard)
+    if plan is None:
+        return 0
+    records = read(journal_path(out, shard))
+    done = [record for record in records if record["finished"] >= plan["begun"]]
+    return max(int(plan["left"]) - len(done), 0)
+
+
+def count_down(out: Path, shard: Shard, left: int) -> None:
+    """Say how many jobs are left of a run on a shard, whose records are elsewhere from now on.
 
     Raises:
         InputError: the file cannot be written.
@@ -122,7 +140,7 @@ def count_down(out: Path, shard: Shard, done: int) -> None:
     path = run_path(out, shard)
     plan, *begun = _lines(path)
     with written_whole(path) as file:
-        for line in ({**plan, "left": max(plan["left"] - done, 0)}, *begun):
+        for line in ({**plan, "left": left}, *begun):
             file.write(_line(line))
 
 

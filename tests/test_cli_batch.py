@@ -112,6 +112,21 @@ def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out
     assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
 
 
+def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path, *"abc")
+    good = (tmp_path / "depth" / "a.exr").read_bytes()
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    run("batch", path, "-o", out, "--limit", "3")
+    (tmp_path / "depth" / "a.exr").write_bytes(good)
+    assert run("retry", out).code == 0
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["failed"], told["left"], told["jobs"]) == (3, 0, 3, 6)
+    assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("6 jobs: 3 done, 3 done b")
+    assert not list(out.glob(".*"))
+
+
 def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out, "--shard", "1/2", "--limit", "1")
