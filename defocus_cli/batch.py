@@ -91,15 +91,20 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
         if not plan.left:
             path.unlink(missing_ok=True)
         return summary
-    told = {"jobs": summary.jobs, "left": left, "begun": _now()}
+    others = undertaking.left(out) if how.again else 0  # what a batch that was stopped has left
+    begun = {"jobs": summary.jobs, "left": left + others, "again": plan.again, "begun": _now()}
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        run = Undertaking(path, told, plan.left)
+        run = Undertaking(path, begun, plan.left, others=others)
+        if how.shard is None and not how.again:
+            undertaking.take_over(out)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
                 _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
         except BaseException:
             run.end(done=len(jobs) == 1)
             raise
+        if how.shard is None:  # else others write here
+            undertaking.sweep_up(out)
         run.end(done=summary.left == 0, settled=True)
     summary.interrupted = interrupts.asked
     return summary
@@ -150,6 +155,8 @@ class _Batch:
             raise NoSpace(*result["message"].split(": ", 1))
         record = record_of(job, self.plan.todo[number][1], self.out, result)
         self.journal.append(record)
+        if result["status"] == "ok":
+            self.run.known(job.names.values())
         self.summary.left -= 1
         self.summary.statuses[result["status"]] += 1
         self.summary.warned += bool(result["warnings"])

@@ -144,10 +144,10 @@ def summary_record(summary: Summary) -> dict[str, Any]:
 
 def progress_lines(out: Path, found: Progress, failures: int) -> Iterator[str]:
     """How far a batch has come, in words."""
-    done = sum(found.statuses.values())
     counts = [f"{found.statuses[s]} {word}" for s, word in _WORDS.items() if found.statuses[s]]
     left = f", {found.left} left" if found.left else ""
-    yield f"{out}: {', '.join(counts) or '0 done'}{left}, {done + found.left} jobs"
+    again = f", {found.again} of them to be done again" if found.again else ""
+    yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {found.jobs} jobs"
     if found.shards is not None:
         numbers, division = found.shards
         yield f"  {len(numbers)} of {division} shards begun, not merged yet"
@@ -171,8 +171,9 @@ def progress_record(found: Progress, failures: int) -> dict[str, Any]:
     keys = ("sample_id", "status", "reason", "message")
     shown = found.failures[max(0, len(found.failures) - failures) :] if failures else []
     return {
-        "jobs": sum(found.statuses.values()) + found.left,
+        "jobs": found.jobs,
         "left": found.left,
+        "again": found.again,
         **{status: found.statuses[status] for status in _WORDS},
         "reasons": dict(found.reasons),
         "running": found.running,

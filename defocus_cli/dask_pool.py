@@ -7,12 +7,13 @@ twice, which changes nothing: outputs are written whole, and only this process w
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
-from defocus_cli import identity, work
+from defocus_cli import identity, report, work
 from defocus_cli.errors import InputError, UsageProblem, reason
 from defocus_cli.how import Chunk, Done
 from defocus_cli.job import Job, Picture
@@ -39,6 +40,8 @@ def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         import distributed
 
+        # It would tell people of each worker that dies; what becomes of the jobs we tell ourselves.
+        logging.getLogger("distributed.client").setLevel(logging.ERROR)
         make_client: Any = distributed.Client  # without types
 
         try:
@@ -86,7 +89,10 @@ class _Submitted:
             self.client.cancel(list(self.flight))
 
     def _submit(self, completed: Any) -> None:
-        room = AT_ONCE * max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
+        workers = len(self.client.scheduler_info(n_workers=-1)["workers"])
+        if not workers and not self.flight:
+            report.say(f"{self.address}: has no workers; waiting for some")
+        room = AT_ONCE * max(1, workers)
         while len(self.flight) < room and not self.stopped():
             chunk = next(self.chunks, None)
             if chunk is None and self.suspects and not self.flight:
@@ -103,6 +109,9 @@ class _Submitted:
 
     def _take(self, future: Any, chunk: Chunk) -> None:
         """Hand on what came of a chunk."""
+        if future.cancelled():  # not by us
+            remedy = "start it again, and run the same command to go on"
+            raise InputError(self.address, "the Dask scheduler went away", remedy)
         error = future.exception()
         if error is None:
             told = future.result()

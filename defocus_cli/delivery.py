@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from defocus_cli.files import sync_folder, unwritable
+from defocus_cli.files import leftover, sync_folder, unwritable
 from defocus_cli.quantities import length_text
 from defocus_cli.report import version
 
@@ -71,6 +71,7 @@ def deliver(
                 warnings += [f"{kind}: {warning}" for warning in lost]
             else:
                 write_map(path, maps[kind], kind, attributes=attributes)
+            written.placed(path)
             if kind in previews:
                 written.begin(previews[kind])
                 if kind not in maps:
@@ -79,6 +80,7 @@ def deliver(
                     write_preview(previews[kind], maps[kind][:, :, None])
                 else:
                     write_coc_preview(previews[kind], maps[kind])
+                written.placed(previews[kind])
         written.sync()
     return tuple(warnings)
 
@@ -88,10 +90,11 @@ class _Replaced:
 
     def __init__(self) -> None:
         self._before: dict[Path, Path | None] = {}
+        self._placed: dict[Path, os.stat_result] = {}
 
     def begin(self, path: Path) -> None:
         """Keep what is at a path that is about to be written."""
-        kept = path.with_name(f".{path.name[:60]}.{os.getpid()}.before")
+        kept = path.with_name(f"{leftover(path, os.getpid())}before")
         try:
             os.link(path, kept)
         except FileNotFoundError:
@@ -107,6 +110,18 @@ class _Replaced:
             self._before[path] = kept
         else:
             self._before[path] = kept
+
+    def placed(self, path: Path) -> None:
+        """Know our file again: a cluster may do a job twice, and the other one's is not ours."""
+        try:
+            self._placed[path] = path.stat()
+        except OSError as error:
+            raise unwritable(path, error) from error
+
+    def _is_ours(self, path: Path) -> bool:
+        with suppress(KeyError, OSError):
+            return os.path.samestat(self._placed[path], path.stat())
+        return False
 
     def sync(self) -> None:
         """Make the names of the new files durable, too."""
@@ -126,11 +141,13 @@ class _Replaced:
     def restore(self) -> None:
         """The old files come back, and where there were none there is none."""
         for path, kept in self._before.items():
-            if kept is None:
-                path.unlink(missing_ok=True)
-            else:
-                kept.replace(path)
+            ours = self._is_ours(path)
+            if kept is not None:
+                if ours:
+                    kept.replace(path)
                 kept.unlink(missing_ok=True)  # two names of one file stay two
+            elif ours:
+                path.unlink(missing_ok=True)
 
 
 @contextmanager

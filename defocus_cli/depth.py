@@ -1,7 +1,8 @@
 """Depth maps, decoded to planar metres with their sky and their holes.
 
 Nothing is read off the range of the values. Floats (EXR, PFM, NPY, float TIFF) are metres and
-16-bit integers millimetres unless a unit is given. +inf and 1e10 and beyond, in the file's unit,
+16-bit integers of PNG and TIFF millimetres unless a unit is given; those of EXR and NPY have no
+custom, so they need one. +inf and 1e10 and beyond, in the file's unit,
 are sky; so is 65504 in a half channel, the largest number that half can hold. NaN, 0 and negative
 are no depth.
 """
@@ -67,7 +68,7 @@ def read_depth(
         path: an EXR, PFM, NPY, 16-bit PNG or TIFF, or float TIFF file.
         channel: which channel of an EXR file; PART/CHANNEL works too.
         part: only look in this part of a multi-part EXR file, counted from 0.
-        unit: mm, cm, m or ft; None for metres, or millimetres in 16-bit integer files.
+        unit: mm, cm, m or ft; None for metres, or millimetres in 16-bit PNG and TIFF.
 
     Raises:
         InputError: the file cannot be read, or what its depth is cannot be told.
@@ -77,7 +78,7 @@ def read_depth(
         raise UsageProblem("--depth-unit", f"{unit} is not known", f"use {', '.join(METRES)}")
     head = read_head(path)
     if is_exr(head):
-        return _from_exr(path, channel, part, unit or "m")
+        return _from_exr(path, channel, part, unit)
     if path.suffix.lower() == ".exr":
         raise InputError(path, "is not an OpenEXR file", "check what wrote it")
     if channel is not None:
@@ -103,7 +104,7 @@ def require_valid(depth: Depth) -> None:
     raise InputError(depth.path, problem, "fill the holes, and write inf for sky")
 
 
-def _from_exr(path: Path, channel: str | None, part: int | None, unit: str) -> Depth:
+def _from_exr(path: Path, channel: str | None, part: int | None, unit: str | None) -> Depth:
     headers = read_headers(path)
     try:
         chosen = choose_depth(path, headers, channel=channel, part=part)
@@ -117,9 +118,14 @@ def _from_exr(path: Path, channel: str | None, part: int | None, unit: str) -> D
     if pixels is None:
         problem = f"has {chosen.name} at a lower resolution than its other channels"
         raise InputError(path, problem, "save the depth without subsampling")
+    if unit is None and pixels.dtype.kind in "iu":
+        problem = f"has {chosen.name} in whole numbers, whose unit is unknown"
+        raise InputError(path, problem, "say --depth-unit mm")
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
-    return _depth(path, chosen.name, pixels, unit, f"EXR {kind} channel {chosen.name}{place}")
+    return _depth(
+        path, chosen.name, pixels, unit or "m", f"EXR {kind} channel {chosen.name}{place}"
+    )
 
 
 def _grey_hint(path: Path, error: InputError, channel: str | None) -> InputError | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from defocus_cli import report
+from defocus_cli.errors import UserError
 from defocus_cli.job import MAP_KINDS, Job
 from defocus_cli.plan import Plan
 
@@ -52,16 +53,21 @@ def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
 def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:
     """Say it of a batch, in few lines; of each job if ``verbose``.
 
+    What would fail or be rejected is said on stderr; the batch goes on without it, too.
+
     Raises:
-        InputError: an input cannot be used.
-        UsageProblem: the options make no sense for a picture or this machine.
+        UsageProblem: this machine has not got the device.
     """
     from defocus_cli import forecast
 
     todo = [job for job, _ in plan.todo]
-    found = list(forecast.forecasts(todo).values()) if todo else []
-    whole = forecast.total(found, len(todo)) if todo else None
-    size = round(_bytes(plan, found)) if todo else 0
+    unusable: list[UserError] = []
+    found = list(forecast.forecasts(todo, unusable.append).values()) if todo else []
+    for error in unusable:
+        report.say(f"defocus: {error.format_message()}")
+    whole = forecast.total(found, len(todo)) if found else None
+    size = round(_bytes(plan, found)) if found else 0
+    seconds = _seconds(todo, whole) / processes if whole else 0.0
     if as_json:
         report.print_json(
             dry_run=True,
@@ -71,7 +77,9 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
             beyond_limit=plan.beyond,
             processes=processes,
             forecast=whole,
+            seconds=seconds,
             bytes=size,
+            unusable=len(unusable),
             samples=[report.plan_record(job) for job in todo],
         )
         return
@@ -79,13 +87,24 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
         click.echo(report.plan_line(job))
     beyond = f", {plan.beyond} beyond the limit" if plan.beyond else ""
     click.echo(f"{len(plan.settled)} jobs done before, {len(todo)} to do{beyond}")
+    if unusable:
+        tried = len(found) + len(unusable)
+        click.echo(f"{len(unusable)} of {tried} that were looked at would not be done")
     if whole is not None:
-        seconds = whole["render_seconds"] / processes
         few = f", going by {len(found)} of them" if len(found) < len(todo) else ""
         click.echo(
             f"about {forecast.duration(seconds)} in {processes} processes, {size / 2**30:.2f} GB "
             f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
         )
+
+
+def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
+    """Of one process: decoding overlaps with rendering, but takes the cores that it needs.
+
+    Lenses share the picture that they take.
+    """
+    share = len({(job.picture, job.reading) for job in todo}) / len(todo)
+    return float(whole["render_seconds"] + share * whole["read_seconds"])
 
 
 def _bytes(plan: Plan, found: Sequence[Forecast]) -> float:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.errors import InputError, TooLarge, UsageProblem
 from defocus_cli.focusing import focused, signed_radius
+from defocus_cli.interrupts import put_off
 from defocus_cli.job import IMAGE_KINDS, RENDERED_KINDS, Job, Lens, Picture, Reading
 
 if TYPE_CHECKING:
@@ -136,23 +135,10 @@ def write(made: Made) -> Outcome:
 
 def load() -> None:
     """Import what takes seconds to import."""
-    with interrupts_held():
+    with put_off():
         import torch  # noqa: F401
 
         import defocus_core  # noqa: F401
-
-
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Put Ctrl-C off to the end: an import that it hits swallows it, or leaves half a module."""
-    pressed: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if pressed:
-        raise KeyboardInterrupt
 
 
 def choose_device(name: str) -> str:

@@ -1,7 +1,7 @@
 """What a user did wrong, said in one line: ``defocus: SUBJECT: problem; remedy``.
 
 Exit codes: 1 if a part of a batch failed, 2 for a command line that makes no sense, 3 for a file
-that cannot be used, 130 if interrupted.
+that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
 """
 
 from __future__ import annotations

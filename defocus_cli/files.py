@@ -112,6 +112,11 @@ def spoken() -> Iterator[None]:
         yield
 
 
+def leftover(path: Path, process: int) -> str:
+    """How the names of the hidden siblings of ``path`` start that a process makes."""
+    return f".{path.name[:60]}.{process}."
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
@@ -122,7 +127,7 @@ def written_whole(path: Path) -> Iterator[BinaryIO]:
     Raises:
         InputError: for any OSError, a full disk among them.
     """
-    sibling = path.with_name(f".{path.name[:60]}.{os.getpid()}.{next(_serial)}.tmp")
+    sibling = path.with_name(f"{leftover(path, os.getpid())}{next(_serial)}.tmp")
     made: list[Path] = []
     try:
         _make_directories(path.parent, made)

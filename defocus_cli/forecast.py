@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
 from defocus_cli.calibration import Calibration, calibrated, kept, usual
-from defocus_cli.errors import TooLarge
+from defocus_cli.errors import TooLarge, UserError
 from defocus_cli.focusing import focused, signed_radius
 from defocus_cli.job import RENDERED_KINDS, Job, Lens
 
@@ -55,11 +55,17 @@ class Forecast:
     peak_mb: float
 
 
-def forecasts(jobs: Sequence[Job]) -> dict[int, Forecast]:
+def forecasts(
+    jobs: Sequence[Job], unusable: Callable[[UserError], object] | None = None
+) -> dict[int, Forecast]:
     """Of all jobs by number, or of some spread evenly over many; inputs are read as to render.
 
+    Args:
+        jobs: one or more.
+        unusable: told what would end a job, which then is none of those returned.
+
     Raises:
-        InputError: an input cannot be used.
+        InputError: an input cannot be used, if nobody is told.
         UsageProblem: the options make no sense for a picture or this machine.
     """
     from defocus_cli import engine
@@ -70,7 +76,15 @@ def forecasts(jobs: Sequence[Job]) -> dict[int, Forecast]:
     calibration = None
     if any(_renders(job) for job in jobs):
         calibration = calibrated(device, jobs[0].machine.threads)
-    return {k: _forecast(jobs[k], device, base, calibration) for k in _some(len(jobs))}
+    found = {}
+    for number in _some(len(jobs)):
+        try:
+            found[number] = _forecast(jobs[number], device, base, calibration)
+        except UserError as error:
+            if unusable is None:
+                raise
+            unusable(error)
+    return found
 
 
 def _some(jobs: int) -> Sequence[int]:

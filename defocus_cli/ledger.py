@@ -34,6 +34,10 @@ class Ledger:
         """The records that are not superseded, oldest first."""
         return list({id(record): record for record in self._last.values()}.values())
 
+    def knows(self, job: Job) -> bool:
+        """Whether a record speaks of a file that a job writes."""
+        return any(name in self._last for name in job.names.values())
+
     def settled(self, job: Job, *, recipe: str, read_inputs: bool) -> Record | None:
         """The record by which a job need not be done again; None if it has to be.
 

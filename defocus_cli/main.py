@@ -1,7 +1,7 @@
 """The ``defocus`` command: finds the subcommand, and says in one line what went wrong.
 
 Exit codes: 0 done, 1 some of a batch failed, or a fault of defocus itself, 2 usage, 3 input or
-output, 130 interrupted.
+output, 130 interrupted by Ctrl-C, 143 or 129 ended by SIGTERM or SIGHUP.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from defocus_cli.errors import (
     one_line,
     reason,
 )
+from defocus_cli.interrupts import Terminated, terminations
 from defocus_cli.option_types import option_name
 from defocus_cli.report import version
 
@@ -97,9 +98,13 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command line ``args`` (default: the process's own) and return the exit code."""
     args = list(sys.argv[1:] if args is None else args)
     try:
-        code = cli.main(args, prog_name="defocus", standalone_mode=False)
+        with terminations():
+            code = cli.main(args, prog_name="defocus", standalone_mode=False)
     except (click.Abort, KeyboardInterrupt):  # before a command ran
         return _fail("interrupted", Interrupted.exit_code)
+    except Terminated as ended:
+        line = f"ended by {ended.signal_name}; pictures that were finished are kept"
+        return _fail(line, 128 + ended.number)
     except click.ClickException as error:
         return _fail(told(error), error.exit_code)
     except OSError as error:
@@ -145,3 +150,7 @@ def _fail(line: str, code: int) -> int:
     with suppress(OSError):
         click.echo(f"defocus: {line}", err=True)
     return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

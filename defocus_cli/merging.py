@@ -28,6 +28,7 @@ def merge(out: Path) -> Merged:
     journal.require_journal(out)
     with locked(out, say=report.say):
         shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]
+        left = {shard: undertaking.left(out, shard) for shard in shards}
         records = journal.read_all(out)
         if shards:
             with written_whole(journal.journal_path(out)) as file:
@@ -39,6 +40,7 @@ def merge(out: Path) -> Merged:
             if plan is None:
                 continue
             report.say(f"{out}: warning: shard {shard.number}/{shard.of} did not get to its end")
+            undertaking.count_down(out, shard, left[shard])
         undertaking.sweep_up(out)
     return Merged(len(Ledger(out, records).live), len(shards), _missing(shards))
 

@@ -32,9 +32,10 @@ def matching(folder: Path, pattern: str, suffixes: frozenset[str]) -> dict[str, 
         suffixes: the types of files to take; others are passed over.
 
     Raises:
-        InputError: nothing matches, or two files get one name.
+        InputError: nothing matches, two files get one name, or a folder cannot be looked into.
     """
     pattern = os.path.normpath(pattern)  # as glob writes what it finds
+    _refuse_closed(folder, pattern)
     expression = re.compile(_expression(pattern), re.S)
     found: dict[str, Path] = {}
     # Path.glob takes no absolute pattern, and the hidden files too.
@@ -52,6 +53,23 @@ def matching(folder: Path, pattern: str, suffixes: frozenset[str]) -> dict[str, 
         problem = f"matches no file of type {known}"
         raise InputError(folder / pattern, problem, "check the pattern")
     return {name: found[name] for name in sorted(found)}
+
+
+def _refuse_closed(folder: Path, pattern: str) -> None:
+    """Refuse folders that glob would pass over without a word, for want of permission."""
+    parts = Path(pattern).parts
+    for depth, part in enumerate(parts):
+        listed = has_wildcard(part) or parts[:depth][-1:] == ("**",)
+        needed = os.R_OK | os.X_OK if listed else os.X_OK
+        above = os.path.join(*parts[:depth], "")  # noqa: PTH118 - Path drops the last slash
+        shown = [above]
+        if has_wildcard(above):
+            shown = glob.glob(above, root_dir=folder, recursive=True)  # noqa: PTH207
+        for text in shown:
+            path = folder / text
+            if path.is_dir() and not os.access(path, needed):
+                remedy = "check its permissions, or use a narrower pattern"
+                raise InputError(path, "cannot be looked into", remedy)
 
 
 def _parts(expression: re.Pattern[str], text: str) -> Iterator[str]:

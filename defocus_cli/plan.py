@@ -24,13 +24,15 @@ class Plan:
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
-        left: files that a run which did not end was about to write, and that are none of ``todo``.
+        again: how many of those to do, now or later, have a record that theirs will replace.
+        left: files that runs which did not end were about to write, and that no journal knows.
     """
 
     todo: list[tuple[Job, str]]
     settled: list[tuple[Job, Record]]
     beyond: int
     changed: int
+    again: int
     left: frozenset[str]
 
 
@@ -42,10 +44,9 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     """
     refuse_misplaced(jobs)
     ledger = Ledger(out, read_all(out))
-    begun = undertaking.begun(out)
     todo: list[tuple[Job, str]] = []
     settled: list[tuple[Job, Record]] = []
-    changed = 0
+    changed = again = 0
     forced = how.again or any(job.outputs.overwrite for job in jobs)
     for job in jobs if how.shard is None else _part(jobs, how.shard):
         recipe = identity.recipe(job)
@@ -56,13 +57,14 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
             settled.append((job, record))
             continue
         todo.append((job, recipe))
+        again += ledger.knows(job)
         changed += not forced and any(name in ledger.files for name in job.names.values())
     now = todo if how.limit is None else todo[: how.limit]
     ledger.refuse_other_pictures(job for job, _ in now)
-    refuse_unknown([job for job, _ in now], ledger.files | begun)
-    own = {name for job, _ in now for name in job.names.values()}
-    left = frozenset(name for name in begun - ledger.files - own if (out / name).exists())
-    return Plan(now, settled, len(todo) - len(now), changed, left)
+    refuse_unknown([job for job, _ in now], ledger.files | undertaking.begun(out))
+    begun = undertaking.begun(out, how.shard) - ledger.files
+    left = frozenset(name for name in begun if (out / name).exists())
+    return Plan(now, settled, len(todo) - len(now), changed, again, left)
 
 
 def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:

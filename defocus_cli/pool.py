@@ -19,6 +19,7 @@ from defocus_cli import worker
 from defocus_cli.errors import InputError
 from defocus_cli.how import Chunk, Done
 from defocus_cli.job import Job
+from defocus_cli.undertaking import sweep_up_after
 from defocus_cli.work import failed
 
 if TYPE_CHECKING:
@@ -199,6 +200,9 @@ class _Worker:
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)
+        if self.process.pid is not None:
+            files = (path for job in self.flight.values() for path in job.written)
+            sweep_up_after(self.process.pid, files)
 
 
 def execute_in(processes: int) -> Callable[..., None]:

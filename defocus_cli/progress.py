@@ -23,6 +23,8 @@ class Progress:
         statuses: number of jobs by status.
         reasons: number of jobs that made nothing, by reason.
         left: jobs that runs set out to do and did not do yet.
+        again: how many of these count among ``statuses``, too: inputs or settings changed, or
+            they failed.
         running: who is at it.
         rate: jobs a second, of the runs that are at it or were stopped; None if there are none.
         seconds: of rendering, the mean of those done.
@@ -33,11 +35,17 @@ class Progress:
     statuses: Counter[str]
     reasons: Counter[str]
     left: int = 0
+    again: int = 0
     running: list[str] = field(default_factory=list)
     rate: float | None = None
     seconds: float | None = None
     shards: tuple[list[int], int] | None = None
     failures: list[Record] = field(default_factory=list)
+
+    @property
+    def jobs(self) -> int:
+        """The number of jobs."""
+        return sum(self.statuses.values()) + self.left - self.again
 
     @property
     def eta_seconds(self) -> float | None:
@@ -58,7 +66,8 @@ def progress(out: Path) -> Progress:
     if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):
         raise InputError(out, "has no journal", "name the directory that a batch writes to")
     records = {run: read(journal_path(out, run)) for run in runs}
-    live = Ledger(out, in_order(list(records.values()))).live
+    every = in_order(list(records.values()))
+    live = Ledger(out, every).live
     found = Progress(
         statuses=Counter(record["status"] for record in live),
         reasons=Counter(record["reason"] for record in live if record["reason"]),
@@ -71,11 +80,17 @@ def progress(out: Path) -> Progress:
         division = max(part.of for part in parts)
         found.shards = sorted(part.number for part in parts if part.of == division), division
     for run in runs:
-        _add_run(found, out, run, records[run])
+        _add_run(found, out, run, records[run], every)
     return found
 
 
-def _add_run(found: Progress, out: Path, run: Shard | None, records: Sequence[Record]) -> None:
+def _add_run(
+    found: Progress,
+    out: Path,
+    run: Shard | None,
+    records: Sequence[Record],
+    every: Sequence[Record],
+) -> None:
     """What a run that did not get to its end did and has left."""
     who, plan = holder(out, run), plan_of(out, run)
     if who:
@@ -83,8 +98,17 @@ def _add_run(found: Progress, out: Path, run: Shard | None, records: Sequence[Re
     if plan is None:
         return
     own = [record for record in records if record["finished"] >= plan["begun"]]
-    found.left += max(plan["left"] - len(own), 0)
+    left = max(plan["left"] - len(own), 0)
+    found.left += left
+    if left and plan.get("again"):
+        before = {name for one in every if one["finished"] < plan["begun"] for name in _files(one)}
+        replaced = sum(not before.isdisjoint(_files(record)) for record in own)
+        found.again += min(max(plan["again"] - replaced, 0), left)
     if own:
         until = datetime.now(UTC) if who else datetime.fromisoformat(own[-1]["finished"])
         since = (until - datetime.fromisoformat(plan["begun"])).total_seconds()
         found.rate = (found.rate or 0.0) + len(own) / max(since, 1e-3)
+
+
+def _files(record: Record) -> list[str]:
+    return [stamp["path"] for stamp in record["outputs"].values()]

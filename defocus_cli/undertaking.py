@@ -12,12 +12,13 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from glob import escape
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.files import unwritable, written_whole
+from defocus_cli.files import leftover, unwritable, written_whole
 from defocus_cli.job import KINDS
-from defocus_cli.journal import Shard
+from defocus_cli.journal import Shard, journal_path, read
 
 _LEFTOVER = re.compile(r"\..+\.\d+(\.\d+\.tmp|\.before)")
 
@@ -37,14 +38,15 @@ def plan_of(out: Path, shard: Shard | None) -> dict[str, Any] | None:
     return next(iter(_lines(run_path(out, shard))), None)
 
 
-def begun(out: Path) -> set[str]:
-    """Files that a run was about to write, relative to OUT, and that no journal may know."""
-    return {
-        name
-        for path in sorted(out.glob(".journal*.run"))
-        for line in _lines(path)[1:]
-        for name in line.get("files", ())
-    }
+def begun(out: Path, shard: Shard | None = None) -> set[str]:
+    """Files that a run was about to write, relative to OUT, and that no journal may know.
+
+    Args:
+        out: the directory.
+        shard: only what runs on this shard were about to write.
+    """
+    paths = out.glob(".journal*.run") if shard is None else [run_path(out, shard)]
+    return {name for path in paths for line in _lines(path)[1:] for name in line.get("files", ())}
 
 
 class Undertaking:
@@ -53,14 +55,17 @@ class Undertaking:
     Args:
         path: of the file.
         plan: what it sets out to do.
-        before: files that an earlier run left, which are none of this one's.
+        before: files that earlier runs left and that no journal knows.
+        others: jobs of an earlier run among those left, which this one leaves to another.
 
     Raises:
         InputError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, plan: Mapping[str, Any], before: Iterable[str]) -> None:
-        self.path, self.plan, self.before = path, plan, sorted(before)
+    def __init__(
+        self, path: Path, plan: Mapping[str, Any], before: Iterable[str], *, others: int = 0
+    ) -> None:
+        self.path, self.plan, self.before, self.others = path, plan, set(before), others
         self._write()
         try:
             self._number = os.open(path, os.O_WRONLY | os.O_APPEND)
@@ -79,6 +84,10 @@ class Undertaking:
         except OSError as error:
             raise unwritable(self.path, error) from error
 
+    def known(self, files: Iterable[str]) -> None:
+        """The journal knows these files from now on."""
+        self.before.difference_update(files)
+
     def end(self, *, done: bool, settled: bool = False) -> None:
         """Forget what there is no need to remember.
 
@@ -88,17 +97,51 @@ class Undertaking:
         """
         with suppress(OSError):
             os.close(self._number)
-            if done and not self.before:
+            if done and not self.before and not self.others:
                 self.path.unlink()
             elif done or settled:
-                self.plan = {**self.plan, "left": 0} if done else self.plan
+                if done and not self.others:
+                    self.plan = {**self.plan, "left": 0}
                 self._write()
 
     def _write(self) -> None:
         with written_whole(self.path) as file:
             file.write(_line(self.plan))
             if self.before:
-                file.write(_line({"files": self.before}))
+                file.write(_line({"files": sorted(self.before)}))
+
+
+def take_over(out: Path) -> None:
+    """Forget the runs on shards, now that one on all of OUT has noted what they left."""
+    for path in out.glob(".journal-*.run"):
+        path.unlink(missing_ok=True)
+
+
+def left(out: Path, shard: Shard | None = None) -> int:
+    """How many jobs are left of a run that did not get to its end; 0 if it did.
+
+    Raises:
+        InputError: the journal cannot be read.
+    """
+    plan = plan_of(out, shard)
+    if plan is None:
+        return 0
+    records = read(journal_path(out, shard))
+    done = [record for record in records if record["finished"] >= plan["begun"]]
+    return max(int(plan["left"]) - len(done), 0)
+
+
+def count_down(out: Path, shard: Shard, left: int) -> None:
+    """Say how many jobs are left of a run on a shard, whose records are elsewhere from now on.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    path = run_path(out, shard)
+    plan, *begun = _lines(path)
+    with written_whole(path) as file:
+        for line in ({**plan, "left": left}, *begun):
+            file.write(_line(line))
 
 
 def sweep_up(out: Path) -> None:
@@ -108,6 +151,14 @@ def sweep_up(out: Path) -> None:
             for entry in os.scandir(folder):
                 if _LEFTOVER.fullmatch(entry.name):
                     Path(entry.path).unlink(missing_ok=True)
+
+
+def sweep_up_after(process: int, files: Iterable[Path]) -> None:
+    """Remove what a process that is dead left half-written of these files."""
+    for path in files:
+        for left in path.parent.glob(f"{escape(leftover(path, process))}*"):
+            if _LEFTOVER.fullmatch(left.name):
+                left.unlink(missing_ok=True)
 
 
 def _line(value: Mapping[str, Any]) -> bytes:

@@ -6,8 +6,10 @@ then (number, result) for each. It ends when the coordinator is gone, and leaves
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -24,6 +26,7 @@ READY = "ready"
 def serve(connection: Connection) -> None:
     """Do what comes through the connection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_coordinator()
     engine.load()
 
     def send(number: int, result: Result) -> None:
@@ -44,3 +47,18 @@ def _received(connection: Connection) -> Iterator[tuple[int, Job]]:
         if numbered is None:
             return
         yield numbered
+
+
+def end_with_coordinator() -> None:
+    """See to it that this process ends when the coordinator does, whatever it is at.
+
+    Who follows the coordinator does the same jobs, and writes where this process would.
+    """
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, name="watch", daemon=True).start()

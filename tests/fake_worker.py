@@ -9,6 +9,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from defocus_cli import worker
+from defocus_cli.files import leftover
 from defocus_cli.identity import core_version
 from defocus_cli.job import Job
 from defocus_cli.plain import typed
@@ -19,6 +21,10 @@ def result_of(job: Job) -> dict[str, Any]:
     """What became of a job: who did it."""
     name = job.sample_id
     if name.startswith("deadly"):
+        path = job.written[0]
+        path.parent.mkdir(exist_ok=True)
+        for end in ("0.tmp", "before"):
+            path.with_name(leftover(path, os.getpid()) + end).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if name.startswith("once"):
         mark = Path(job.picture.color)
@@ -36,6 +42,13 @@ def serve(connection: Connection) -> None:
     while (numbered := connection.recv()) is not None:
         number, job = numbered
         connection.send((number, result_of(job)))
+
+
+def serve_on(connection: Connection) -> None:
+    """Be at something that takes a minute."""
+    worker.end_with_coordinator()
+    connection.send(READY)
+    time.sleep(60)
 
 
 def serve_nobody(connection: Connection) -> None:

@@ -102,6 +102,41 @@ def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
     assert run("status", out, "--json").json["left"] == 0
 
 
+def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
+    run("batch", path, "-o", out, "--limit", "1")
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["left"], told["again"], told["jobs"]) == (4, 3, 3, 4)
+    assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
+
+
+def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path, *"abc")
+    good = (tmp_path / "depth" / "a.exr").read_bytes()
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    run("batch", path, "-o", out, "--limit", "3")
+    (tmp_path / "depth" / "a.exr").write_bytes(good)
+    assert run("retry", out).code == 0
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["failed"], told["left"], told["jobs"]) == (3, 0, 3, 6)
+    assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("6 jobs: 3 done, 3 done b")
+    assert not list(out.glob(".*"))
+
+
+def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out, "--shard", "1/2", "--limit", "1")
+    assert "shard 1/2 did not get to its end" in run("merge", out).err
+    assert run("status", out, "--json").json["left"] == 1
+    assert run("batch", path, "-o", out).code == 0
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["left"], told["jobs"], told["shards"]) == (4, 0, 4, None)
+
+
 def test_shards_merged_are_one_run(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, *"abcde")
     run("batch", path, "-o", tmp_path / "whole")
@@ -262,6 +297,19 @@ def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path: Path, out: Path
     assert told["bytes"] == pytest.approx(2 * size)
     assert told["forecast"]["pictures"] == 2
     assert "would read" in run("batch", path, "-o", out, "--dry-run", "-v").out
+
+
+def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    ran = run("batch", path, "-o", out, "--dry-run")
+    assert ran.code == 0
+    assert ran.err.count("a.exr: has 384 pixels that are NaN or ≤ 0") == 2
+    assert "4 to do\n2 of 4 that were looked at would not be done\nabout " in ran.out
+    told = run("batch", path, "-o", out, "--dry-run", "--json").json
+    assert (told["unusable"], told["forecast"]["pictures_read"]) == (2, 2)
+    reading = told["forecast"]["read_seconds"]
+    assert told["seconds"] * told["processes"] == pytest.approx(reading / 2), "of 2 lenses each"
 
 
 def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:

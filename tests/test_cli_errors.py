@@ -6,6 +6,7 @@ Exit code 2 is usage, 3 is input or output. Nothing is written.
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -345,3 +346,10 @@ def test_a_part_that_a_lone_scene_does_not_have(tmp_path: Path, out: Path) -> No
         tmp_path / "s.exr", R=pixels[..., 0], G=pixels[..., 1], B=pixels[..., 2], Z=ramp()
     )
     refused(render(scene, "-o", out, "--part", "3"), 3, "s.exr: has no part 3, only 1")
+
+
+@pytest.mark.parametrize("module", ["defocus_cli", "defocus_cli.main"])
+def test_the_package_is_the_command(module: str) -> None:
+    words = [sys.executable, "-m", module, "--version"]
+    ran = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert ran.stdout.startswith("defocus ")

@@ -23,7 +23,7 @@ from command_line import (
     texture,
 )
 
-from defocus_cli import engine
+from defocus_cli import engine, here
 
 Computed = list[str]
 
@@ -234,6 +234,41 @@ def test_what_a_killed_run_had_begun_is_its_own(
     assert again(folders, out).code == 0
     assert computed == ["c"]
     assert not run.exists()
+    assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
+
+
+def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed(
+    folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again(folders, out)
+    journal, run = out / "journal.jsonl", out / ".journal.run"
+    journal.write_bytes(journal.read_bytes().rpartition(b"\n")[0])
+    run.write_text('{"jobs": 3, "left": 3, "begun": ""}\n{"files": ["coc/c.exr"]}\n')
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(here, "execute", killed)
+        assert again(folders, out).code == 130
+    ran = again(folders, out)
+    assert ran.code == 0, ran.err
+    assert len(records(out)) == 3
+    assert not run.exists()
+
+
+def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
+    folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = engine.write
+
+    def leaving(made: engine.Made) -> engine.Outcome:
+        done = write(made)
+        (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
+        return done
+
+    monkeypatch.setattr(engine, "write", leaving)
+    assert again(folders, out).code == 0
     assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
 
 

@@ -39,15 +39,15 @@ def test_killed_runs_come_to_the_same_end(folders: tuple[Path, Path], tmp_path: 
     assert sorted(names) == [f"{number:02}" for number in range(16)], "none is done twice"
 
 
-def started(*args: object, slow: float) -> subprocess.Popen[str]:
-    """A run whose rendering takes its time; it says when the first picture is begun."""
+def started(*args: object, slow: float, step: str = "engine.compute") -> subprocess.Popen[str]:
+    """A run of which a step takes its time; it says when the first picture comes to it."""
     script = (
-        "import sys, time; from defocus_cli import engine, main; compute = engine.compute\n"
+        f"import os, sys, time; from defocus_cli import engine, main; do = {step}\n"
         "def slowly(*args):\n"
         "    print('up', flush=True)\n"
         f"    time.sleep({slow})\n"
-        "    return compute(*args)\n"
-        "engine.compute = slowly\n"
+        "    return do(*args)\n"
+        f"{step} = slowly\n"
         "sys.exit(main.main())"
     )
     words = [sys.executable, "-c", script, "render", *map(str, args), "--outputs", "coc", *LENS]
@@ -84,3 +84,23 @@ def test_ctrl_c_again_stops_at_once(folders: tuple[Path, Path], out: Path) -> No
     _, err = process.communicate(timeout=20)
     assert process.returncode == 130
     assert err == "defocus: interrupted; pictures that were finished are kept\n"
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_the_system_ends_a_run_which_leaves_nothing_half_written(
+    name: str, folders: tuple[Path, Path], out: Path
+) -> None:
+    process = started(*folders, "-o", out, slow=0.3, step="os.replace")
+    number = signal.Signals[name]
+    assert process.stdout is not None
+    process.stdout.readline()  # the first was the run's own note
+    process.send_signal(number)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 128 + number
+    assert err.splitlines()[-1] == f"defocus: ended by {name}; pictures that were finished are kept"
+    assert {path.name for path in out.rglob(".*")} <= {".journal.run"}
+    assert {path.stem for path in (out / "coc").iterdir()} >= {r["sample_id"] for r in records(out)}
+    assert render(*folders, "-o", out, "--outputs", "coc").code == 0
+    assert len(records(out)) == 16
+    assert not list(out.rglob(".*"))

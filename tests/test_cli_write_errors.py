@@ -21,7 +21,8 @@ from command_line import (
     render,
 )
 
-from defocus_cli import engine
+from defocus_cli import encode, engine
+from defocus_cli.interrupts import put_off
 
 
 def fill_at_the_third_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,6 +95,22 @@ def test_a_disk_that_fills_up_leaves_no_half_picture(
     assert not out.exists()
 
 
+def test_a_file_that_another_worker_wrote_meanwhile_stays(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cluster may do a job twice; the one that comes to grief takes back its own files alone."""
+
+    def full(*_: object, **__: object) -> None:
+        other = out / "render" / "other"
+        other.write_text("theirs")
+        other.replace(out / "render" / "color.exr")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(encode, "write_map", full)
+    refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, "No space left")
+    assert (out / "render" / "color.exr").read_text() == "theirs"
+
+
 def test_the_systems_own_errors_are_one_line(
     color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,7 +147,7 @@ def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> N
 
 def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
     def imports() -> None:
-        with engine.interrupts_held():
+        with put_off():
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)
             done.append("imports")

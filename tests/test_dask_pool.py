@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import fake_worker
@@ -88,6 +89,32 @@ def test_nothing_new_is_begun_when_stopped(
 ) -> None:
     monkeypatch.setattr(dask_pool, "do", fake_worker.do)
     assert results_of(cluster, tmp_path, "a", "b", stopped=lambda: True) == {}
+
+
+def test_a_scheduler_that_goes_away_is_told_of(tmp_path: Path) -> None:
+    client: Any = SimpleNamespace(scheduler=SimpleNamespace(address="tcp://head:8786"))
+    gone: Any = SimpleNamespace(cancelled=lambda: True)
+    submitted = dask_pool._Submitted(client, iter([]), print, lambda: False, None)
+    with pytest.raises(InputError, match=r"tcp://head:8786: the Dask scheduler went away; start"):
+        submitted._take(gone, [])
+
+
+def test_nobody_waits_for_workers_without_knowing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scheduler = SimpleNamespace(address="tcp://head:8786")
+    client: Any = SimpleNamespace(
+        scheduler=scheduler,
+        scheduler_info=lambda n_workers: {"workers": {}},
+        submit=lambda *_, key, **__: key,
+    )
+    chunks = chunks_of(tmp_path, "a", "b", "c")
+    submitted = dask_pool._Submitted(client, chunks, print, lambda: False, None)
+    completed: Any = set()
+    submitted._submit(completed)
+    assert len(completed) == dask_pool.AT_ONCE
+    submitted._submit(completed)
+    assert capsys.readouterr().err == "tcp://head:8786: has no workers; waiting for some\n"
 
 
 def test_a_scheduler_that_does_not_answer_is_told_of(

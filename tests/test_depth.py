@@ -216,6 +216,16 @@ def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path: Path) -> None
         assert read_depth(tmp_path / name, unit="cm").metres[0, 2] == 10
 
 
+def test_whole_numbers_in_exr_have_no_unit_but_the_one_given(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Z": np.array([[0, 1000, 70_000]], np.uint32)}, {})
+    with pytest.raises(InputError, match=r"Z in whole numbers, whose unit is unknown; .*-unit mm"):
+        read_depth(path)
+    read = read_depth(path, unit="mm")
+    np.testing.assert_array_equal(read.metres, np.array([[0, 1, 70]], "f"))
+    assert read.note == "EXR uint32 channel Z, millimetres"
+
+
 def test_float_tiff_is_metres(tmp_path: Path) -> None:
     read = read_depth(save(tmp_path / "a.tif", plane()[:, :, None]))
     np.testing.assert_array_equal(read.metres, plane())

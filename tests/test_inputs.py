@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,19 @@ def test_wildcards_name_what_they_match(
     wanted = {name: tmp_path / file for name, file in named.items()}
     assert matching(tmp_path, pattern, EXR) == wanted
     assert matching(Path("/"), f"{tmp_path}/{pattern}", EXR).keys() == named.keys()
+
+
+@pytest.mark.parametrize("closed", [".", "s1", "s1/rgb"])
+def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(
+    closed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    touch(tmp_path, "s0/rgb/a.exr", "s1/rgb/a.exr")
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path / closed)
+    with pytest.raises(InputError, match=f"{tmp_path / closed}: cannot be looked into; check its"):
+        matching(tmp_path, "*/rgb/*.exr", EXR)
+    monkeypatch.setattr(os, "access", access)
+    assert len(matching(tmp_path, "*/rgb/*.exr", EXR)) == 2
 
 
 def test_patterns_pair_by_what_their_wildcards_stand_for(tmp_path: Path) -> None:

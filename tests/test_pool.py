@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -73,7 +77,27 @@ def test_a_job_that_kills_its_processes_has_failed_and_no_other_has(tmp_path: Pa
     assert len(results) == len(names)
     deadly = results[names.index("deadly1")]
     assert deadly["reason"] == "worker-died"
+    assert not list(tmp_path.rglob(".*")), "what they had begun is gone"
     assert f"{STRIKES} processes that worked on it died, the last by SIGKILL" in deadly["message"]
+
+
+def test_processes_end_with_their_coordinator(tmp_path: Path) -> None:
+    script = (
+        "import multiprocessing, os, signal, sys; sys.path.insert(0, sys.argv[1])\n"
+        "import fake_worker; context = multiprocessing.get_context('spawn')\n"
+        "ours, theirs = context.Pipe()\n"
+        "started = context.Process(target=fake_worker.serve_on, args=(theirs,)); started.start()\n"
+        "print(ours.recv(), started.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    words = [sys.executable, "-c", script, str(Path(__file__).parent)]
+    ran = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=False)
+    assert ran.returncode == -signal.SIGKILL
+    ready, pid = ran.stdout.split()
+    assert ready == "ready"
+    deadline = time.monotonic() + 5
+    while Path(f"/proc/{pid}").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def test_nothing_new_is_begun_when_stopped(tmp_path: Path) -> None:

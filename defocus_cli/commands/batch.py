@@ -69,7 +69,7 @@ def command(
     what is done is not done again, unless its inputs, settings or outputs changed, or defocus did;
     what failed is tried again. OUT/metadata.jsonl lists the samples when the batch has ended.
 
-    The first Ctrl-C finishes what is being rendered, the second stops at once.
+    The first Ctrl-C finishes what is being rendered, the second stops at once, as SIGTERM does.
 
     Many machines that share a file system each do a part: --shard 1/8 to --shard 8/8, then
     'defocus merge OUT'.
