@@ -13,6 +13,8 @@ from torch import Tensor
 
 from defocus_core.quality import Quality
 
+# Radii in px up to which a pixel is in focus: its disc is narrower than the pixel.
+SHARP = 0.3
 # Radii in px below which each slice occludes for itself.
 _ALONE = 2.0
 
@@ -66,12 +68,16 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
         return torch.zeros_like(signed_radius)
     ladder = torch.tensor(radii, dtype=torch.float64)
     low, high = ladder[:-1], ladder[1:]
-    square, width = high * high - low * low, high - low
     one_side = low * high >= 0
+    # from the one in focus to its neighbours the share begins beyond SHARP
+    least = torch.maximum(low * low, high * high).mul(0.25).clamp(max=SHARP**2)
+    start = torch.where(low == 0, least, low * low)
+    end = torch.where(high == 0, least, high * high)
+    square, width = end - start, high - low
     # between two rungs the share is a r² + b r + c
     a = torch.where(one_side & (square != 0), 1 / square, 0.0)
     b = torch.where(~one_side & (width != 0), 1 / width, 0.0)
-    c = -a * low * low - b * low
+    c = -a * start - b * low
     a, b, c, inner = (
         t.to(signed_radius.device, signed_radius.dtype) for t in (a, b, c, ladder[1:-1])
     )

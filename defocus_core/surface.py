@@ -59,10 +59,11 @@ class Surface:
         self._rungs = count = len(reaches)
         H, W = samples.places.shape
         first, last = grid.tiles[0], grid.tiles[-1]
-        self._origin = (max(before - first.top, 0), max(before - first.left, 0))
-        self._size = (
-            self._origin[0] + max(last.top + beyond, H),
-            self._origin[1] + max(last.left + beyond, W),
+        self._framed_box = Box(
+            first.top - before,
+            first.left - before,
+            last.top - first.top + before + beyond,
+            last.left - first.left + before + beyond,
         )
         exists = samples.layer[-1].detach() > 0
         blocks = blocks_of(samples.places, count, None if bool(exists.all()) else exists)
@@ -82,8 +83,11 @@ class Surface:
 
     def _framed(self, values: Tensor) -> Tensor:
         """Values [..., H, W] in a frame of zeros in which every window lies."""
-        framed = values.new_zeros(*values.shape[:-2], *self._size)
-        Box(*self._origin, *values.shape[-2:]).of(framed).copy_(values)
+        box = self._framed_box
+        framed = values.new_zeros(*values.shape[:-2], *box[2:])
+        some = box.grown(0, Box(0, 0, *values.shape[-2:]))
+        if some.height > 0 and some.width > 0:
+            some.seen_from(box).of(framed).copy_(some.of(values))
         return framed
 
     def members(self, index: int, margin: int, size: tuple[int, int], rungs: list[int]) -> Tensor:
@@ -157,7 +161,7 @@ class Surface:
         """The corner of a window, counted from the first sample, and the window in the frame."""
         tile = self._tiles[index]
         y, x = tile.top - margin, tile.left - margin
-        return (y, x), Box(y + self._origin[0], x + self._origin[1], *size)
+        return (y, x), Box(y, x, *size).seen_from(self._framed_box)
 
 
 def _bounds(blocks: Tensor, size: torch.Size) -> Box:

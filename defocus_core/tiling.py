@@ -20,8 +20,6 @@ BLOCK = 16
 _REGION = 640
 # Margins of light from outside may enlarge a region by so much on each side, as a share of it.
 _MARGIN = 0.15
-# Slices that share an integer of bits.
-_BITS = 62
 
 
 class Box(NamedTuple):
@@ -152,41 +150,18 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
         slices: K.
         present: [H, W] bool, which pixels exist; None if all do.
     """
-    lower = places.detach().floor()
-    both = 1 + 2 * (places.detach() > lower).to(torch.long)  # the rung above has a share too
-    lower = lower.to(torch.long)
-    found = []
-    for first in range(0, slices, _BITS):
-        bits = both << lower if slices <= _BITS else _bits(both, lower - first)
-        if present is not None:
-            bits = bits * present
-        for dim in (0, 1):
-            bits = _united(bits, dim)
-        number = torch.arange(min(_BITS, slices - first), device=places.device)
-        found.append((bits >> number[:, None, None]) & 1)
-    return torch.cat(found).bool()
-
-
-def _bits(both: Tensor, lower: Tensor) -> Tensor:
-    """One bit, or that and the next, at a place; none where it is not within 0 … 61."""
-    inside = (lower >= 0) & (lower < _BITS)
-    first = torch.where(inside, both << lower.clamp(0, _BITS - 1), 0)
-    return first | ((lower == -1) & (both == 3))
-
-
-def _united(bits: Tensor, dim: int) -> Tensor:
-    """The bits of each block together, along one axis."""
-    n = bits.shape[dim]
-    missing = -n % BLOCK
-    if missing:
-        bits = torch.nn.functional.pad(bits, (0, 0, 0, missing) if dim == 0 else (0, missing))
-    rows = bits.shape[dim] // BLOCK
-    bits = bits.reshape(*bits.shape[:dim], rows, BLOCK, *bits.shape[dim + 1 :])
-    size = BLOCK
-    while size > 1:
-        size //= 2
-        bits = bits.narrow(dim + 1, 0, size) | bits.narrow(dim + 1, size, size)
-    return bits.squeeze(dim + 1)
+    places = places.detach()
+    rows, columns = (-(-n // BLOCK) for n in places.shape)
+    down, across = (torch.arange(n, device=places.device) // BLOCK for n in places.shape)
+    lower = places.floor()
+    # one more slice, for the rung above the last and for pixels that do not exist
+    at = lower.long().add_((slices + 1) * across).add_((slices + 1) * columns * down[:, None])
+    above = at + (places > lower)
+    found = torch.zeros(rows * columns * (slices + 1), dtype=torch.bool, device=places.device)
+    for some in (at, above):
+        some = some if present is None else torch.where(present, some, slices)
+        found.index_fill_(0, some.flatten(), True)
+    return found.view(rows, columns, slices + 1)[..., :slices].permute(2, 0, 1)
 
 
 def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:

@@ -6,7 +6,7 @@ from tolerances import ROUNDING
 
 from defocus_core import QUALITIES
 from defocus_core.quality import find
-from defocus_core.slicing import evenly, membership, position, rungs
+from defocus_core.slicing import SHARP, evenly, membership, position, rungs
 
 RADII = torch.linspace(-23.0, 31.0, 217, dtype=torch.float64)[None]
 EXACT = ROUNDING[torch.float64]
@@ -30,7 +30,12 @@ def test_shares_are_a_partition_of_unity(quality: str) -> None:
 def test_shares_keep_the_second_moment(quality: str) -> None:
     ladder = rungs(-23.0, 31.0, find(quality))
     square = (shares(ladder) * torch.tensor(ladder, dtype=torch.float64)[:, None, None] ** 2).sum(0)
-    assert ((square - RADII**2) / RADII.abs().clamp(min=1) ** 2).abs().max() < EXACT
+    off = (square - RADII**2) / RADII.abs().clamp(min=1) ** 2
+    near = RADII.abs() < min(abs(r) for r in ladder if r)
+    assert off[~near].abs().max() < EXACT
+    assert (off[near] <= EXACT).all()  # up to SHARP a pixel is in focus
+    assert off[near].min() >= -(SHARP**2)
+    assert (square[RADII.abs() <= SHARP] == 0).all()
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
