@@ -12,6 +12,7 @@ from defocus_core.backdrop import backdrop
 from defocus_core.frame import Frame
 from defocus_core.hidden import HiddenLayer
 from defocus_core.ramps import AROUND, without_ramps
+from defocus_core.recomputed import recomputed
 from defocus_core.region import Region
 from defocus_core.survey import bands
 from defocus_core.threads import threaded
@@ -53,17 +54,17 @@ def assembled(
     def computed(grid: Grid) -> tuple[Tensor, Tensor]:
         region = Region(frame, grid, pixels, signed_radius, hidden, beyond)
         tiles = []
-        for tile in threaded(region.tile, range(len(grid.tiles)), threads // at_once):
+        for tile in threaded(recomputed(region.tile), range(len(grid.tiles)), threads // at_once):
             tiles.append(tile)
             number = next(done)
-            if progress:
+            if progress and number <= len(frame.grid.tiles):  # not when it is computed again
                 progress(number, len(frame.grid.tiles))
         of_rows = [tiles[i : i + grid.columns] for i in range(0, len(tiles), grid.columns)]
         images, trust = (_joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
         counts.append(region.counts())
         return images.to(pixels.dtype), trust.to(pixels.dtype)
 
-    results = threaded(computed, grids, at_once)
+    results = threaded(recomputed(computed), grids, at_once)
     if torch.is_grad_enabled():
         by_row = [[next(results) for _ in row] for row in rows]
         images, trust = (_joined([[r[kind] for r in row] for row in by_row]) for kind in (0, 1))
