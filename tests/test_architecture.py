@@ -33,6 +33,7 @@ LAYERS = [
         "metrics",
         "probes",
         "quality",
+        "recomputed",
         "scenery",
         "slopes",
         "threads",
