@@ -7,11 +7,12 @@ belongs to both, by weights that sum to one and keep the second moment of its bl
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import torch
 from torch import Tensor
 
-from defocus_core.quality import Quality
+from defocus_core.quality import QUALITIES, Quality, find
 
 # Radii in px up to which a pixel is in focus: its disc is narrower than the pixel.
 SHARP = 0.3
@@ -34,6 +35,45 @@ def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
     first = max(i for i in even if ladder[i] <= least and i < len(ladder) - 1)
     last = min(i for i in even if ladder[i] >= most and i > first)
     return tuple(ladder[first : last + 1])
+
+
+def quantisation(least: float, most: float, quality: str) -> float:
+    """By how many px of radius a slice is off a pixel at most: half a step of the ladder.
+
+    A pixel belongs to the slices on both sides, so that its blur is of the right width in any case.
+
+    Args:
+        least: Signed radius in px of the nearest pixel.
+        most: That of the farthest one.
+        quality: Whose ladder it is.
+
+    Raises:
+        ValueError: If there is no such quality.
+    """
+    ladder = rungs(least, most, find(quality))
+    steps = [b - a for a, b in pairwise(ladder) if b > least and a < most]
+    return max(steps, default=0.0) / 2
+
+
+def cheapest_within(tolerance: float, least: float, most: float) -> str:
+    """The cheapest quality whose slices are off by no more than a tolerance in px.
+
+    Args:
+        tolerance: In px of radius.
+        least: Signed radius in px of the nearest pixel.
+        most: That of the farthest one.
+
+    Raises:
+        ValueError: If even the best is off by more.
+    """
+    for quality in QUALITIES:
+        if quantisation(least, most, quality) <= tolerance:
+            return quality
+    best = math.ceil(100 * quantisation(least, most, QUALITIES[-1])) / 100
+    raise ValueError(
+        f"tolerance must be at least {best:g} px where radii go from {least:.1f} to {most:.1f} px"
+        f", got {tolerance:g}; that is what {QUALITIES[-1]} has"
+    )
 
 
 def evenly(least: float, most: float, count: int) -> tuple[float, ...]:

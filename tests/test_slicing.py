@@ -6,7 +6,15 @@ from tolerances import ROUNDING
 
 from defocus_core import QUALITIES
 from defocus_core.quality import find
-from defocus_core.slicing import SHARP, evenly, membership, position, rungs
+from defocus_core.slicing import (
+    SHARP,
+    cheapest_within,
+    evenly,
+    membership,
+    position,
+    quantisation,
+    rungs,
+)
 
 RADII = torch.linspace(-23.0, 31.0, 217, dtype=torch.float64)[None]
 EXACT = ROUNDING[torch.float64]
@@ -53,3 +61,19 @@ def test_an_even_ladder_has_exactly_its_count_and_spans_the_range() -> None:
     assert evenly(-2.0, 6.0, 1) == (2.0,)
     assert evenly(-2.0, 6.0, 5) == (-2.0, 0.0, 2.0, 4.0, 6.0)
     assert (shares(evenly(-2.0, 6.0, 5)).sum(0) - 1).abs().max() < EXACT
+
+
+def test_better_qualities_are_off_by_less_and_the_cheapest_is_chosen() -> None:
+    off = [quantisation(-23.0, 31.0, quality) for quality in QUALITIES]
+    assert off == sorted(off, reverse=True)
+    for quality, error in zip(QUALITIES, off, strict=True):
+        assert cheapest_within(error, -23.0, 31.0) == quality
+    assert cheapest_within(0.7, -1.0, 2.0) != cheapest_within(0.7, -23.0, 31.0)
+    with pytest.raises(ValueError, match=r"at least .* px where radii go from -23\.0 to 31\.0 px"):
+        cheapest_within(off[-1] * 0.9, -23.0, 31.0)
+
+
+def test_quantisation_is_that_of_the_rungs_in_use() -> None:
+    assert quantisation(0.0, 0.0, "standard") == 0.0
+    assert quantisation(0.1, 0.2, "standard") == find("standard").near_spacing / 2
+    assert quantisation(-60.0, 0.0, "standard") == quantisation(0.0, 60.0, "standard")
