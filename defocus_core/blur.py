@@ -119,19 +119,21 @@ class Blur:
                 for group, found in zip(self._groups, layers, strict=True):
                     found.update(self._sharp(pixels, numbers, index, group.stop - group.start))
                 continue
-            terms = [
-                (number, spectrum, window.spectra(window.size)[k])
-                for number, spectrum, k in zip(
-                    numbers, torch.fft.rfft2(pixels), slices, strict=True
-                )
-            ]
+            kernels = [window.spectra(window.size)[k] for k in slices]
             tilted = [i for i, rung in enumerate(rungs) if rung in surface.tilted_plan[index]]
+            box = self._grid.tiles[index].around(window.margin)
+            for i in tilted.copy():
+                slope = surface.plane(rungs[i], box)
+                if slope:
+                    kernels[i] = window.tilted(slices[i], window.size, slope)
+                    tilted.remove(i)
+            terms = list(zip(numbers, torch.fft.rfft2(pixels), kernels, strict=True))
             if tilted:
                 lean = surface.slopes(index, window.margin, window.size)[:, None]
                 spectra = torch.fft.rfft2(lean * pixels[tilted][:, None])
                 for i, pair in zip(tilted, spectra, strict=True):
-                    kernels = window.leaning(window.size)[slices[i]]
-                    terms += [(numbers[i], *term) for term in zip(pair, kernels, strict=True)]
+                    leaning = window.leaning(window.size)[slices[i]]
+                    terms += [(numbers[i], *term) for term in zip(pair, leaning, strict=True)]
             for group, found in zip(self._groups, layers, strict=True):
                 found.update(self._transformed_back(terms, group, window, index))
         return layers

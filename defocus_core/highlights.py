@@ -126,6 +126,10 @@ def draw(
     )
     order = spread.argsort(descending=True, stable=True)
     order = order[(far.amax(1) <= spread)[order]]
+    if not len(order):
+        return total.reshape(len(parts), channels, H, W)
+    widest = int(spread[order[0]]) + math.ceil(max(map(abs, radii)))  # |u (r_q - r_k)|
+    present = _present(highlights, widest, places.detach(), len(radii))
     start = 0
     while start < len(order):
         extent = int(spread[order[start]])
@@ -133,11 +137,16 @@ def draw(
         some = order[start : start + count].to(places.device)
         start += count
         chosen = Highlights(*(values[some] for values in highlights))
-        seen = _unobstructed(chosen, extent, signed_radius.detach(), places.detach(), radii)
+        seen = _unobstructed(
+            chosen, extent, signed_radius.detach(), places.detach(), radii, present[:, some]
+        )
         index, inside = _targets(chosen.at - corner.to(places.device), extent, H, W)
         seen = (seen * inside).flatten()
+        some_radii, which = chosen.signed_radius, slice(None)
+        if not some_radii.requires_grad:  # many lights are equally far away
+            some_radii, which = torch.unique(some_radii, return_inverse=True)
         for m, part in enumerate(parts):
-            shape = kernel(chosen.signed_radius, 2 * extent + 1, aperture, part).flatten() * seen
+            shape = kernel(some_radii, 2 * extent + 1, aperture, part)[which].flatten() * seen
             spots = shape.reshape(len(some), -1)
             for c in range(channels):
                 values = (spots * chosen.excess[:, c : c + 1]).flatten()
@@ -160,15 +169,17 @@ def _unobstructed(
     signed_radius: Tensor,
     places: Tensor,
     radii: tuple[float, ...],
+    present: Tensor,
 ) -> Tensor:
-    """The share of each disc pixel's ray that no nearer surface stops: [n, S, S]."""
+    """The share of each disc pixel's ray that no nearer surface stops: [n, S, S].
+
+    Slices that are not present, [K, n], do not stop any.
+    """
     at, r = highlights.at, highlights.signed_radius.detach()
     offset = torch.arange(-extent, extent + 1, device=at.device, dtype=places.dtype)
     stopped = places.new_zeros(len(at), len(offset), len(offset))
     limit = r - torch.maximum(torch.full_like(r, _BEFORE[0]), _BEFORE[1] * r.abs())
     H, W = places.shape
-    farthest = extent + math.ceil(max(map(abs, radii)))  # |u (r_q - r_k)|
-    present = _present(highlights, farthest, places, len(radii))
     for k, radius in enumerate(radii):
         before = torch.nonzero((limit > radius) & present[k])[:, 0]
         if not len(before):
@@ -188,6 +199,8 @@ def _present(highlights: Highlights, within: int, places: Tensor, slices: int) -
     """Whether each slice has a pixel within some px of each highlight, or a block more: [K, n]."""
     around = -(-within // BLOCK)
     blocks = blocks_of(places, slices).to(torch.float32)
-    near = max_pool2d(blocks[None], 2 * around + 1, stride=1, padding=around)[0]
+    near = blocks
+    for edge in ((around, 0), (0, around)):
+        near = max_pool2d(near, (2 * edge[0] + 1, 2 * edge[1] + 1), stride=1, padding=edge)
     rows, columns = highlights.at.div(BLOCK, rounding_mode="floor").unbind(-1)
     return near[:, rows, columns] > 0

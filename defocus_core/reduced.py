@@ -76,7 +76,7 @@ class Reduced:
         """
         self._groups = len(groups)
         self._middle, self._step = middle, 1 << window.halvings
-        around = self._spans(core)
+        around, reach = self._spans(core), (window.margin + 2) * self._step
         self._layers: dict[int, _Layer] = {}
         for number in dict.fromkeys(numbers.values()):
             rungs = [rung for rung, other in numbers.items() if other == number]
@@ -103,11 +103,15 @@ class Reduced:
             cells = Box(first[0], first[1], *size)
             terms: list[tuple[Tensor, Tensor]] = []
             for rung in rungs:
-                lean = rung in tilted
+                slope = surface.plane(rung, core.around(reach)) if rung in tilted else None
+                lean = rung in tilted and not slope
                 plain, *leaning = torch.fft.rfft2(
                     surface.averaged(rung, window.halvings, cells, middle, tilted=lean)
                 )
-                terms.append((plain, window.spectra(size)[slices[rung]]))
+                kernel = window.spectra(size)[slices[rung]]
+                if slope:
+                    kernel = window.tilted(slices[rung], size, slope)
+                terms.append((plain, kernel))
                 kernels = window.leaning(size)[slices[rung]] if lean else ()
                 terms += zip(leaning, kernels, strict=True)
             crop = (

@@ -10,13 +10,17 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import avg_pool2d, max_pool2d, pad
+
+from defocus_core.tiling import BLOCK, Box
 
 # Slopes in px per px that may be a plain mean.
 _SMALL = 0.05
 # Px to each side of a pixel, and the share of those that must be steep.
 _AROUND = 5
 _AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
+# Slopes that differ by less are the same.
+_SAME = 1e-3
 # Px around a pixel that decide its slope.
 AROUND = _AROUND + 1
 
@@ -46,6 +50,37 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
             return None
     long = square > 1
     return gradient * torch.where(long, torch.where(long, square, 1.0).rsqrt(), 1.0) * steep
+
+
+class Planes:
+    """Where slices have the same slope all over: their kernels can be tilted instead of them."""
+
+    def __init__(self, slopes: Tensor, blocks: Tensor) -> None:
+        """Find the range of slopes in each block.
+
+        Args:
+            slopes: [2, H, W].
+            blocks: [K, rows, columns] bool, where slices are.
+        """
+        size = [(0, -n % BLOCK) for n in slopes.shape[1:]]
+        padded = pad(slopes.detach()[None], (*size[1], *size[0]), mode="replicate")
+        highest, lowest = (sign * max_pool2d(sign * padded[0], BLOCK) for sign in (1, -1))
+        self._highest, self._lowest = highest.cpu(), lowest.cpu()
+        self._blocks = blocks.cpu()
+
+    def slope(self, number: int, box: Box) -> tuple[float, float] | None:
+        """The slope of a slice, x and y, if it has but one within a rectangle of the frame."""
+        top, left = max(box.top // BLOCK, 0), max(box.left // BLOCK, 0)
+        below, beside = -(-(box.top + box.height) // BLOCK), -(-(box.left + box.width) // BLOCK)
+        some = self._blocks[number, top:below, left:beside]
+        lowest = self._lowest[:, top:below, left:beside][:, some]
+        if not lowest.numel():
+            return None
+        low, high = lowest.amin(1), self._highest[:, top:below, left:beside][:, some].amax(1)
+        if float((high - low).max()) > _SAME:
+            return None
+        x, y = ((low + high) / 2).tolist()
+        return x, y
 
 
 def _share_around(mask: Tensor) -> Tensor:

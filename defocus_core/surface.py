@@ -9,6 +9,7 @@ from torch import Tensor
 
 from defocus_core.halving import Axis, extended, halved, halves
 from defocus_core.slicing import membership
+from defocus_core.slopes import Planes
 from defocus_core.tiling import BLOCK, Box, Grid, blocks_at, blocks_of, visible_slices
 
 # Samples on a side of the blocks by which points are found.
@@ -72,11 +73,13 @@ class Surface:
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._samples, self._blocks = samples, blocks
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
-        self._slopes = None
+        self._slopes, self._planes = None, None
         if samples.slopes is not None:
             tilted = blocks_of(samples.places, count, samples.slopes.detach().any(0))
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             self._slopes = self._framed(samples.slopes)
+            if not samples.slopes.requires_grad:
+                self._planes = Planes(samples.slopes, self._blocks)
         self._layer = self._framed(samples.layer)
         self._places = self._framed(samples.places)
         self._extra = _Points(samples)
@@ -109,6 +112,13 @@ class Surface:
         """[2, height, width] within a window around a tile that has tilted slices."""
         assert self._slopes is not None
         return self._window(index, margin, size)[1].of(self._slopes)
+
+    def plane(self, rung: int, box: Box) -> tuple[float, float] | None:
+        """The slope of a slice within a rectangle, if it is the same all over and no gradient.
+
+        Counted from the first sample.
+        """
+        return self._planes.slope(rung, box) if self._planes else None
 
     def bounds(self, rungs: list[int]) -> Box:
         """A rectangle that holds all samples of some slices."""

@@ -37,9 +37,13 @@ class Box(NamedTuple):
         beside = min(self.left + self.width + by, within.left + within.width)
         return Box(top, left, below - top, beside - left)
 
+    def around(self, by: int) -> Box:
+        """Larger by some px on all sides, wherever that is."""
+        return Box(self.top - by, self.left - by, self.height + 2 * by, self.width + 2 * by)
+
     def shrunk(self, by: int) -> Box:
         """Smaller by some px on all sides; its size may become negative."""
-        return Box(self.top + by, self.left + by, self.height - 2 * by, self.width - 2 * by)
+        return self.around(-by)
 
     def seen_from(self, other: Box) -> Box:
         """The same rectangle counted from the corner of another."""

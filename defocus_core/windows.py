@@ -65,6 +65,11 @@ class Window:
         """The same times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
         return self._cached(size, leaning=True)
 
+    def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
+        """The spectrum of a slice for a plane of some slope, x and y: [M, 1, ...]."""
+        x, y = self.leaning(size)[number]
+        return self.spectra(size)[number].add(x, alpha=slope[0]).add_(y, alpha=slope[1])
+
     def fitting(self, least: Sequence[int]) -> tuple[int, int]:
         """One of few sizes, of at least so many rows and columns, that are not more than needed."""
         height, width = (

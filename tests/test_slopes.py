@@ -5,7 +5,8 @@ import torch
 from measures import inner, psnr, worst
 
 from defocus_core import render
-from defocus_core.slopes import slopes
+from defocus_core.slopes import Planes, slopes
+from defocus_core.tiling import Box
 
 SIZE = (40, 60)
 
@@ -85,3 +86,33 @@ def test_a_steep_plane_is_seen_as_densely_as_the_lens_sees_it(
     radius = (steepness * (x - SIZE[1] / 2)).expand(SIZE).clone()
     truth = inner(lens_view(steepness, 40), 15)
     assert psnr(inner(render(image, radius).render, 15), truth) > at_least
+
+
+def test_a_plane_has_one_slope_where_it_is_alone() -> None:
+    lean = torch.zeros(2, 64, 96, dtype=torch.float64)
+    lean[0], lean[1] = 0.2, -0.3
+    lean[:, 40:, 64:] = 0.4
+    blocks = torch.zeros(2, 4, 6, dtype=torch.bool)
+    blocks[0, :2], blocks[1, 2:, 4:], blocks[1, 0, 0] = True, True, True
+    planes = Planes(lean, blocks)
+    assert planes.slope(0, Box(-8, -8, 80, 120)) == pytest.approx((0.2, -0.3))
+    assert planes.slope(1, Box(-8, -8, 80, 120)) is None
+    assert planes.slope(1, Box(48, 64, 16, 32)) == pytest.approx((0.4, 0.4))
+    assert planes.slope(0, Box(48, 64, 16, 32)) is None  # it is not there
+
+
+@pytest.mark.parametrize("top", [8.0, 60.0])
+def test_a_tilted_kernel_does_what_a_tilted_slice_does(
+    top: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At full resolution and at reduced; a wire before the floor is not as tilted."""
+    image = torch.rand(3, 150, 200, generator=torch.Generator().manual_seed(4))
+    radius = torch.linspace(top, -top, 150)[:, None].repeat(1, 200)
+    radius[:, 50:56] = -top
+    short = render(image, radius, left_right=True)
+    monkeypatch.setattr(Planes, "slope", lambda *_: None)
+    whole = render(image, radius, left_right=True)
+    assert 0 < worst(short.render, whole.render) < 2e-5
+    assert short.left is not None
+    assert whole.left is not None
+    assert worst(short.left, whole.left) < 2e-5
