@@ -22,6 +22,7 @@ from defocus_core.continuation import (
     halves,
     spread_out,
 )
+from defocus_core.source import Pixels, banded
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
@@ -99,11 +100,12 @@ class Backdrop(NamedTuple):
 
 
 def backdrop(
-    pixels: Tensor,
-    signed_radius: Tensor,
+    pixels: Pixels,
+    signed_radius: Pixels,
     limit: float = math.inf,
     dtype: torch.dtype | None = None,
     threads: int = 1,
+    ends: tuple[float, float] | None = None,
 ) -> Backdrop:
     """Look at a picture coarsely.
 
@@ -113,10 +115,14 @@ def backdrop(
         limit: What is brighter is a highlight, and not continued.
         dtype: To compute in; None for that of the pixels.
         threads: Bands of rows looked at at once.
+        ends: Least and greatest radius in px, if they are known.
     """
     H, W = signed_radius.shape
     dtype = dtype or pixels.dtype
-    least, most = map(float, torch.aminmax(signed_radius.detach()))
+    if ends is None:
+        of_bands = torch.stack([torch.stack(torch.aminmax(b)) for b in banded(signed_radius)])
+        ends = (float(of_bands.amin()), float(of_bands.amax()))
+    least, most = ends
     largest = min(max(-least, most, 1.0), _MOST)
     grain = 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
     fine = axes((H, W))

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from defocus_core.backdrop import COARSE, DECAY, Backdrop, backdrop
 from defocus_core.continuation import REACH, Axis, continued
+from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
@@ -49,6 +50,21 @@ class HiddenLayer(NamedTuple):
     color: Tensor
     signed_radius: Tensor
     mask: Tensor
+
+
+class Behind(NamedTuple):
+    """What is known of a whole frame, in memory or not; elsewhere than in the mask, anything."""
+
+    color: Pixels
+    signed_radius: Pixels
+    mask: Pixels
+
+    def within(self, box: Box, signed_radius: Tensor, dtype: torch.dtype) -> HiddenLayer:
+        """What is known within a box whose visible radii are [height, width] px."""
+        color, radius, mask = map(box.of, self)
+        mask = mask.bool()
+        color = torch.where(mask, color.to(dtype), 0.0)
+        return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
 
 
 def hidden_layer(

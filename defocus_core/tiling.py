@@ -1,8 +1,8 @@
 """A fixed grid of tiles, regions of them, and which slices each tile can see.
 
-The grid depends on nothing but the frame, so that a pixel is computed in the same way whatever
-else was asked for. A slice is worth computing for a tile if it has a pixel within its own radius
-of the tile.
+The grid depends on nothing but the frame and the side of a tile, so that a pixel is computed in
+the same way whatever else was asked for. A slice is worth computing for a tile if it has a pixel
+within its own radius of the tile.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+
+from defocus_core.source import Pixels
 
 TILE = 128
 # Px on a side of the blocks in which the presence of slices is recorded.
@@ -47,7 +49,7 @@ class Box(NamedTuple):
         """The same rectangle counted from the corner of another."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
 
-    def of(self, picture: Tensor) -> Tensor:
+    def of(self, picture: Pixels) -> Tensor:
         """What it holds of a picture [..., H, W]."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 

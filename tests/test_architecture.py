@@ -19,14 +19,15 @@ LAYERS = [
     {"random_lens"},
     {"lens", "planning", "verification"},
     {"checks"},
-    {"render"},
+    {"render", "stream"},
     {"assembly"},
     {"baselines", "presence", "region"},
     {"blur", "frame"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
     {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
-    {"aperture", "metrics", "probes", "quality", "scenery", "slopes", "threads", "tiling"},
+    {"aperture", "metrics", "probes", "quality", "ranks", "scenery", "slopes", "threads", "tiling"},
+    {"source"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}
