@@ -27,8 +27,9 @@ from defocus_core.windows import Window
 TILE_LOADS = ("calls", "forward", "products", "inverse")
 REGION_LOADS = ("regions", "around", "hidden", "edges", "lights")
 LOADS = ("frame", "pixels", "kernels", *REGION_LOADS, *TILE_LOADS)
-# Bytes of the frame and the spectra of kernels, of each region, and of each tile in work.
-BYTES = ("pixels", "spectra", "region", "tile")
+# Bytes of the coarse picture of the frame and the spectra of kernels, of each region, of what is
+# made of each, and of each tile in work.
+BYTES = ("backdrop", "spectra", "region", "result", "tile")
 
 
 @dataclass(frozen=True)
@@ -123,9 +124,12 @@ def plan(
         "inverse": work.inverse * samples * parts,
     }
     held = {
-        "pixels": 4 * pixels * samples * (3 if left_right else 1),
+        "backdrop": pixels * (1 + (channels + 2) * size / 16) if frame.edges else 0.0,
         "spectra": work.spectra * parts * 2 * size,
         "region": 4 * max(around) * samples * (1 + bool(discs)),
+        "result": max(_area(grid, 0, frame) for grid in grids)
+        * (channels * (3 if left_right else 1) + 1)
+        * size,
         "tile": 4 * work.widest * samples,
     }
     return Plan(

@@ -13,7 +13,7 @@ from typing import TypeVar
 import torch
 
 # Pieces for each thread that are begun before the first of them is taken.
-_AHEAD = 3
+AHEAD = 3
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -35,7 +35,7 @@ def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Itera
         try:
             for piece in pieces:
                 begun.append(pool.submit(piece_of_work, piece))
-                if len(begun) > _AHEAD * threads:
+                if len(begun) > AHEAD * threads:
                     yield begun.popleft().result()
             while begun:
                 yield begun.popleft().result()
