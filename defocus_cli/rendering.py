@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli import memory
 from defocus_cli.arrays import Windows, bands
 from defocus_cli.budget import image_type
 from defocus_cli.errors import TooLarge
@@ -47,6 +48,8 @@ def rendered(
     torch.set_num_threads(1)
     image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
     at_once = regions_at_once(outcome, image, signed, loaded.holding.room_mb)
+    if at_once is not None:  # memory is short
+        memory.trim()
     behind = _behind(loaded, outcome) if loaded.behind is not None else None
     images = _Images(job, loaded)
     warnings: list[str] = []

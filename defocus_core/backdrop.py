@@ -7,6 +7,7 @@ the resolution, made once for the whole frame. So is the map of what the edges r
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -32,8 +33,8 @@ _EDGE = 1.0
 DECAY = 0.70710678
 # How many times the picture is halved.
 COARSE = 2
-# Rows of a quarter of the resolution that are made at once.
-_BAND = 32
+# Rows of a quarter of the resolution, and pixels of the whole one, that are made at once at most.
+_BAND, _PIXELS = 32, 1 << 20
 # Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
 _FINEST = -4
 _LEVELS = 13
@@ -148,15 +149,29 @@ def backdrop(
         end = cone.shape[0] if rows[1] == quarter.length else 2 * last + halved_rows
         return sums[:, here], rank[here], cone[start:end]
 
-    cuts = [*range(0, quarter.length, _BAND), quarter.length]
-    sums, rank, cone = (
-        torch.cat(parts, -2)
-        for parts in zip(*threaded(looked_at, list(pairwise(cuts)), threads), strict=True)
-    )
+    step = max(1, min(_BAND, _PIXELS // (W << COARSE)))
+    cuts = [*range(0, quarter.length, step), quarter.length]
+    found = threaded(looked_at, list(pairwise(cuts)), threads)
+    sums, rank, cone = _put_together(found, (quarter.length, quarter.length, half.length))
     some = sums[-1] > 0
     values = sums[:-1] / torch.where(some, sums[-1], 1.0)
     rank = torch.where(some, rank, -torch.inf)
     return Backdrop(values, rank, middle, _dilated(cone, grain, most - least), grain, fine)
+
+
+def _put_together(parts: Iterable[tuple[Tensor, ...]], heights: tuple[int, ...]) -> list[Tensor]:
+    """Pictures [..., h, w] from their rows, some at a time."""
+    if torch.is_grad_enabled():
+        return [torch.cat(rows, -2) for rows in zip(*parts, strict=True)]
+    whole: list[Tensor] = []
+    first = [0] * len(heights)
+    for rows in parts:
+        for i, some in enumerate(rows):
+            if len(whole) == i:
+                whole.append(some.new_empty(*some.shape[:-2], heights[i], some.shape[-1]))
+            whole[i].narrow(-2, first[i], some.shape[-2]).copy_(some)
+            first[i] += some.shape[-2]
+    return whole
 
 
 def _coarsely(
@@ -220,7 +235,7 @@ def _edges(r: Tensor, grain: float) -> Tensor:
 
 
 def _dilated(cone: Tensor, grain: float, span: float) -> Tensor:
-    """Cones [h, w] of half resolution spread over as many px as radii differ at most."""
+    """Cones [h, w] of half resolution spread over as many px as radii differ at most; in place."""
     decay = math.floor(DECAY / grain)
     reached, stride = 0, 1
     while 2 * reached * decay * grain < span:
@@ -229,10 +244,10 @@ def _dilated(cone: Tensor, grain: float, span: float) -> Tensor:
             n = cone.shape[dim] - stride
             if n < 1:
                 continue
-            result, fallen = cone.clone(), cone - fall
-            for target, source in ((0, stride), (stride, 0)):
-                side = result.narrow(dim, target, n)
-                torch.maximum(side, fallen.narrow(dim, source, n), out=side)
-            cone = result
+            for some in torch.split(cone, max(1, _PIXELS // cone.shape[dim]), 1 - dim):
+                fallen = some - fall
+                for target, source in ((0, stride), (stride, 0)):
+                    side = some.narrow(dim, target, n)
+                    torch.maximum(side, fallen.narrow(dim, source, n), out=side)
         reached, stride = reached + stride, 2 * stride
     return cone

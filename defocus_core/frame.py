@@ -14,7 +14,7 @@ from defocus_core.quality import Quality
 from defocus_core.slicing import evenly, layers, rungs
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey
-from defocus_core.tiling import TILE, Box, Grid, grid_over
+from defocus_core.tiling import Box, Grid, grid_over
 from defocus_core.windows import Window, windows
 
 # Brightness over the median beyond which float32 is not enough.
@@ -120,7 +120,7 @@ def frame_of(
     numbers = layers(radii, quality)
     limit = threshold(seen.brightness, seen.brightest)
     dtype = torch.float64 if _needs_double(seen, limit) else dtype
-    grid = grid_over(H, W, tile or TILE)
+    grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
     edges = max(seen.steepest) > 1
     margin = _NEIGHBOURHOOD + max(reaches)
     if edges:

@@ -190,7 +190,7 @@ def _lights(
         blocks from which what surrounds them is continued.
     """
     found = []
-    for (top, _), some, r in zip(bands(frame.size[0]), banded(image), banded(radius), strict=True):
+    for (top, _), some, r in zip(bands(*frame.size), banded(image), banded(radius), strict=True):
         rows, columns = torch.nonzero(some.amax(0) > frame.limit).unbind(1)
         found.append((torch.stack([rows + top, columns], 1), r[rows, columns]))
     at, r = map(torch.cat, zip(*found, strict=True))

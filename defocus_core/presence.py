@@ -51,7 +51,7 @@ class Presence:
         for strip, inner in _strips(signed_radius) if frame.edges else ():
             for jump in (strip[inner.start : inner.stop + 1].diff(dim=0), strip[inner].diff(dim=1)):
                 self.edges += _EDGE_WIDTH * int((jump.abs() > _EDGE).sum())
-            rows.append(without_ramps(strip)[inner][::step, ::step])
+            rows.append(without_ramps(strip)[inner][::step, ::step].clone())
         radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)
         self.visible = self._tiles(self._blocks(radius, everywhere, step, 1, (H, W)), 1)

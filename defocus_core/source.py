@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-# Rows looked at at once.
-_BAND = 256
+# Pixels and rows looked at at once, at most.
+_PIXELS, _ROWS = 1 << 19, 256
 
 
 class Source(Protocol):
@@ -35,12 +35,14 @@ class Source(Protocol):
 Pixels = Tensor | Source
 
 
-def bands(height: int, rows: int = _BAND) -> list[tuple[int, int]]:
+def bands(height: int, width: int) -> list[tuple[int, int]]:
     """First and last row + 1 of the bands of a frame."""
+    rows = max(1, min(_ROWS, _PIXELS // width))
     return list(pairwise([*range(0, height, rows), height]))
 
 
-def banded(picture: Pixels, rows: int = _BAND) -> Iterator[Tensor]:
+def banded(picture: Pixels) -> Iterator[Tensor]:
     """A picture [..., H, W] band by band, without its gradient."""
-    for first, last in bands(picture.shape[-2], rows):
+    height, width = picture.shape[-2:]
+    for first, last in bands(height, width):
         yield picture[..., first:last, :].detach()

@@ -68,8 +68,14 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
         return ends, counted(brightness), counted(few), (few <= 0).sum()
 
-    found = zip(*threaded(looked_at, bands(H), threads), strict=True)
-    numbers, counts, lit, black = map(torch.stack, found)
+    found = threaded(looked_at, bands(H, W), threads)
+    of_first, counts, lit, black = next(found)
+    of_bands = [of_first]
+    for numbers_of_it, *more in found:
+        of_bands.append(numbers_of_it)
+        for summed, each in zip((counts, lit, black), more, strict=True):
+            summed += each
+    numbers = torch.stack(of_bands)
     least, most, down, across, darkest, brightest = numbers.unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
@@ -80,7 +86,7 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         return (band.to(dtype).amax(0) for band in banded(pixels))
 
     def lit_again() -> Iterator[Tensor]:
-        return map(_few, brightness_again(), (first for first, _ in bands(H)))
+        return map(_few, brightness_again(), (first for first, _ in bands(H, W)))
 
     return Survey(
         least=float(ends[0]),
@@ -88,9 +94,9 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         steepest=(float(down.amax()), float(across.amax())),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
-        brightness=Ranks(counts.sum(0), brightness_again, dtype),
-        lit=Ranks(lit.sum(0), lit_again, dtype),
-        black=int(black.sum()),
+        brightness=Ranks(counts, brightness_again, dtype),
+        lit=Ranks(lit, lit_again, dtype),
+        black=int(black),
     )
 
 

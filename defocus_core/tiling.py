@@ -22,6 +22,8 @@ BLOCK = 16
 _REGION = 640
 # Margins of light from outside may enlarge a region by so much on each side, as a share of it.
 _MARGIN = 0.25
+# Blocks that are counted at once: bounds memory.
+_COUNTED = 1 << 21
 # Slices that share an integer of bits.
 _BITS = 62
 
@@ -126,8 +128,6 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list
         reaches: Px that each slice spreads.
         tiles: The tiles.
     """
-    padded = torch.nn.functional.pad(blocks.to(torch.int32).cpu(), (1, 0, 1, 0))
-    count = padded.cumsum(1).cumsum(2)
     rows, columns = blocks.shape[1:]
     top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*tiles, strict=True))
     reach = torch.tensor(reaches)[None]  # [1, K]
@@ -135,9 +135,15 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list
     x0 = ((left - reach).clamp(min=0) // BLOCK).clamp(max=columns)
     y1 = ((top + height + reach + BLOCK - 1) // BLOCK).clamp(max=rows)
     x1 = ((left + width + reach + BLOCK - 1) // BLOCK).clamp(max=columns)
-    k = torch.arange(len(reaches))[None]
-    inside = count[k, y1, x1] - count[k, y0, x1] - count[k, y1, x0] + count[k, y0, x0]
-    return [torch.nonzero(row)[:, 0].tolist() for row in inside > 0]
+    found = []
+    for some in torch.split(torch.arange(len(reaches)), max(1, _COUNTED // (rows * columns))):
+        chosen = blocks[some[0] : some[-1] + 1].to(torch.int32).cpu()
+        count = torch.nn.functional.pad(chosen, (1, 0, 1, 0)).cumsum(1).cumsum(2)
+        k = (some - some[0])[None]
+        first, start, last, end = (corner[:, some] for corner in (y0, x0, y1, x1))
+        inside = count[k, last, end] - count[k, first, end] - count[k, last, start]
+        found.append(inside + count[k, first, start] > 0)
+    return [torch.nonzero(row)[:, 0].tolist() for row in torch.cat(found, 1)]
 
 
 def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
