@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 SHARE = 0.8
 # Of what it may take beyond that, what is for the arrays of pictures.
 _FOR_ARRAYS = 0.5
-# What strips take that are read, computed, or written.
-STRIPS_MB = 160.0
+# What strips take at most.
+_STRIPS_MB = 160.0
 _FLOAT = 4  # bytes
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32": 4}
 
@@ -55,7 +55,7 @@ class Holding:
     @property
     def held_mb(self) -> float:
         """What is held in memory beside what is computed."""
-        return STRIPS_MB + self.whole_mb if self.scratch else self.arrays_mb
+        return strips_mb(self.arrays_mb) + self.whole_mb if self.scratch else self.arrays_mb
 
 
 def holding(job: Job) -> Holding:
@@ -63,8 +63,18 @@ def holding(job: Job) -> Holding:
     arrays, whole = _sizes(job)
     room = capacity_mb(job.machine)
     scratch = arrays > _FOR_ARRAYS * room
-    left = room - (STRIPS_MB if scratch else _FOR_ARRAYS * room)
+    left = room - (strips_mb(arrays) if scratch else _FOR_ARRAYS * room)
     return Holding(arrays, whole, scratch, left)
+
+
+def strips_mb(arrays_mb: float) -> float:
+    """What strips of arrays take that are read, computed, or written."""
+    return min(_STRIPS_MB, 2 * arrays_mb)
+
+
+def enough_mb(needed_mb: float) -> float:
+    """A limit with which there is so much to compute in, wherever the arrays are kept."""
+    return base_mb() + max(_STRIPS_MB + needed_mb, needed_mb / (1 - _FOR_ARRAYS))
 
 
 def capacity_mb(machine: Machine) -> float:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_cli.arrays import IN_MEMORY, Keeping
-from defocus_cli.budget import base_mb, holding
-from defocus_cli.errors import InputError, UsageProblem
+from defocus_cli.budget import base_mb, capacity_mb, holding
+from defocus_cli.errors import InputError, TooLarge, UsageProblem
 from defocus_cli.focusing import focused, radius_map
 from defocus_cli.job import RENDERED_KINDS, Job, Picture, Reading
 from defocus_cli.made import Loaded, Made, Outcome
@@ -30,6 +30,9 @@ def load_inputs(job: Job) -> Loaded:
         UsageProblem: the options make no sense for it.
     """
     picture, held = job.picture, holding(job)
+    if (at_once := held.held_mb) > (left := capacity_mb(job.machine)) and held.whole_mb:
+        problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
+        raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     color, depth = read(picture, job.reading, held.keeping)
     if picture.hidden is None or not needs_hidden(job):
         return Loaded(held, color, depth)

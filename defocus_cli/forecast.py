@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
 from defocus_cli.arrays import Windows, scratch_folder
-from defocus_cli.budget import base_mb, limit_mb
+from defocus_cli.budget import base_mb, enough_mb
 from defocus_cli.calibration import Calibration, calibrated, kept, usual
 from defocus_cli.errors import TooLarge
 from defocus_cli.focusing import focused, radius_map
@@ -157,8 +157,8 @@ def regions_at_once(
             raise TooLarge(job.picture.color, problem, f"use {remedy}")
     machine = memory.available_mb(device)
     if device == "cpu" and machine is not None and least < machine:
-        enough = math.ceil((limit_mb(job.machine) - room + least) / 100) / 10
-        raise TooLarge(job.picture.color, problem, f"use --memory {enough:.1f}GiB")
+        gigabytes = math.ceil(enough_mb(least) / 102.4) / 10
+        raise TooLarge(job.picture.color, problem, f"use --memory {gigabytes:.1f}GiB")
     raise TooLarge(job.picture.color, problem, "use a smaller picture or a machine with more")
 
 
@@ -167,7 +167,7 @@ def _room_mb(room_mb: float, device: str) -> float:
     available = memory.available_mb(device)
     if device != "cpu":
         return math.inf if available is None else available
-    return room_mb if available is None else min(room_mb, available)
+    return max(room_mb if available is None else min(room_mb, available), 0.0)
 
 
 def _fitting(job: Job, calibration: Calibration, planned: Plan, room_mb: float) -> int | None:

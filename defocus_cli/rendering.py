@@ -78,11 +78,12 @@ def rendered(
     if device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
         render_seconds=wall,
         render_cpu_seconds=cpu,
-        stats=stream.stats,
+        stats={**stream.stats, **scratch},
         warnings=tuple(warnings),
     )
     return Made(done, loaded.color, radius, images.planes, images.clamped)

@@ -156,8 +156,9 @@ def test_what_a_limit_forbids_a_greater_one_would_allow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outcome = large(monkeypatch, tmp_path, usual=120.0, threads_1=60.0)
+    monkeypatch.setattr(forecast, "enough_mb", lambda needed: 300.0 + needed)
     job = replace(outcome.job, machine=Machine(threads=4, memory=500 * memory.MB))
-    with pytest.raises(forecast.TooLarge, match=r"but 30 MB are left; use --memory 0.6GiB"):
+    with pytest.raises(forecast.TooLarge, match=r"but 30 MB are left; use --memory 0.4GiB"):
         forecast.regions_at_once(replace(outcome, job=job), *FRAME, 30.0)
 
 
