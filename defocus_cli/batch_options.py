@@ -165,8 +165,12 @@ def shards_size_option(command: Command) -> Command:
 
 
 def computed_by(jobs: list[Job], machine: Machine) -> list[Job]:
-    """The jobs, done by a machine; their quality stays."""
-    return [replace(job, machine=replace(machine, quality=job.machine.quality)) for job in jobs]
+    """The jobs, done by a machine; their quality stays, and their tiles unless it has its own."""
+
+    def adapted(own: Machine) -> Machine:
+        return replace(machine, quality=own.quality, tile=machine.tile or own.tile)
+
+    return [replace(job, machine=adapted(job.machine)) for job in jobs]
 
 
 def _is_there(name: str) -> bool:

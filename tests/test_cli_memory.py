@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from image_files import save
 
 from defocus_cli import arrays, budget, exr, exr_strips, forecast, memory
 from defocus_cli.arrays import Scratch
+from defocus_cli.batch_options import Crew, computed_by
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_core import stream
 
@@ -285,3 +287,19 @@ def test_where_no_tile_fits_a_gpu_the_picture_is_refused(
     out_of_memory(monkeypatch, fits=0)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out")
     refused(ran, 3, "does not fit into the memory of the GPU", "use --device cpu")
+
+
+def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available_mb", lambda: 1000.0)
+    shared = Crew("local", 4, 1, "cpu", None, None).machine.memory
+    assert shared == int(0.8 * 1000 / 4 * memory.MB)
+    assert Crew("local", 4, 1, "cpu", 7, None).machine.memory == 7
+    assert Crew("local", 1, 1, "cpu", None, None).machine.memory is None
+
+
+def test_tiles_of_a_job_stay_when_another_machine_does_it(tmp_path: Path) -> None:
+    asked = replace(job(tmp_path, 2**33), machine=Machine("draft", tile=64))
+    (same,) = computed_by([asked], Machine(threads=3))
+    assert same.machine == Machine("draft", threads=3, tile=64)
+    (other,) = computed_by([asked], Machine(tile=32))
+    assert other.machine.tile == 32
