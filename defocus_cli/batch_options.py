@@ -10,12 +10,13 @@ from typing import Any
 
 import click
 
+from defocus_cli import budget, memory
 from defocus_cli.errors import UsageProblem
 from defocus_cli.how import Execute
 from defocus_cli.job import Job, Machine
 from defocus_cli.journal import Shard
 from defocus_cli.option_types import Quantity, option_name
-from defocus_cli.options import Command, cores, machine_option
+from defocus_cli.options import Command, cores, machine_option, memory_options
 from defocus_cli.quantities import byte_count
 
 THREADS = 2  # of a process: more of them wait for one another, more processes take more memory
@@ -32,17 +33,33 @@ class Crew:
         processes: on this machine; None for as many as suit it.
         threads: of each; None for what makes use of all cores.
         device: auto, cpu or cuda.
+        memory: bytes that each process may take; None for its share of what is available.
+        tile: px on a side of a tile; None for the usual.
     """
 
     scheduler: str
     processes: int | None
     threads: int | None
     device: str
+    memory: int | None
+    tile: int | None
 
     @property
     def machine(self) -> Machine:
         """What each job is told."""
-        return Machine(device=self.device, threads=self.threads or cores() // self.count or 1)
+        return Machine(
+            device=self.device,
+            threads=self.threads or cores() // self.count or 1,
+            memory=self.memory or self._share(),
+            tile=self.tile,
+        )
+
+    def _share(self) -> int | None:
+        """What one of several processes may take."""
+        available = memory.available_mb()
+        if self.scheduler != "local" or self.count == 1 or available is None:
+            return None
+        return int(budget.SHARE * available / self.count * memory.MB)
 
     @property
     def count(self) -> int:
@@ -78,7 +95,7 @@ def crew_options(command: Command) -> Command:
 
     @functools.wraps(command)
     def call(*args: Any, **params: Any) -> Any:
-        names = ("scheduler", "processes", "threads", "device")
+        names = ("scheduler", "processes", "threads", "device", "memory", "tile")
         return command(*args, crew=Crew(**{name: params.pop(name) for name in names}), **params)
 
     optioned: Any = call
@@ -111,6 +128,7 @@ def crew_options(command: Command) -> Command:
                 show_default=True,
                 help="Where to compute; auto takes a GPU if there is one.",
             ),
+            *memory_options(),
         ]
     ):
         optioned = option(optioned)
@@ -147,8 +165,12 @@ def shards_size_option(command: Command) -> Command:
 
 
 def computed_by(jobs: list[Job], machine: Machine) -> list[Job]:
-    """The jobs, done by a machine; their quality stays."""
-    return [replace(job, machine=replace(machine, quality=job.machine.quality)) for job in jobs]
+    """The jobs, done by a machine; their quality stays, and their tiles unless it has its own."""
+
+    def adapted(own: Machine) -> Machine:
+        return replace(machine, quality=own.quality, tile=machine.tile or own.tile)
+
+    return [replace(job, machine=adapted(job.machine)) for job in jobs]
 
 
 def _is_there(name: str) -> bool:

@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 
-from defocus_cli import options
 from defocus_cli.bench_time import KINDS, OUTPUTS, Case, Size, cases
 from defocus_cli.errors import UsageProblem
+from defocus_cli.grouped import GroupedOption
 from defocus_cli.option_types import FilePath, Listed, Names
 
 Command = Callable[..., Any]
@@ -104,7 +104,7 @@ def _radius(word: str) -> float:
 
 
 def _option(*names: str, **settings: Any) -> Callable[[Command], Command]:
-    return click.option(*names, cls=options.GroupedOption, heading="Time", **settings)
+    return click.option(*names, cls=GroupedOption, heading="Time", **settings)
 
 
 _TIME_OPTIONS = (

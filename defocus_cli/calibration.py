@@ -12,6 +12,7 @@ import json
 import math
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -65,7 +66,7 @@ _USUAL_SECONDS = {
     **{"hidden": 1.3e-8, "edges": 2.5e-6, "lights": 2.6e-8, "calls": 8e-5, "forward": 1.1e-10},
     **{"products": 1.3e-9, "inverse": 2.1e-10},
 }
-_USUAL_BYTES = {"pixels": 2.3, "spectra": 2.5, "region": 2.0, "tile": 3.5}
+_USUAL_BYTES = {"backdrop": 2.0, "spectra": 2.5, "region": 2.0, "result": 1.0, "tile": 3.5}
 _TRUST = 0.2  # in that, where a scene has 1
 
 
@@ -88,9 +89,14 @@ class Calibration:
         loads = _loads(plan, self.threads)
         return sum(self.seconds[name] * load for name, load in loads.items())
 
-    def predicted_mb(self, plan: Plan) -> float:
-        """What a planned rendering takes of memory beyond what was held before, in MB."""
-        held = _bytes(plan, self.threads)
+    def predicted_mb(self, plan: Plan, at_once: int | None = None) -> float:
+        """What a planned rendering takes of memory beyond what was held before, in MB.
+
+        Args:
+            plan: the rendering.
+            at_once: regions that are computed at once at most; None for as many as threads.
+        """
+        held = _bytes(plan, self.threads, at_once or self.threads)
         return sum(self.bytes[name] * size for name, size in held.items()) / memory.MB
 
 
@@ -139,9 +145,9 @@ def measured(device: str, threads: int) -> Calibration:
     """Render the scenes and find what explains their times and their memory."""
     import torch
 
-    from defocus_core import render
     from defocus_core.planning import plan
     from defocus_core.scenery import scenery
+    from defocus_core.stream import Stream
 
     torch.set_num_threads(1)  # threads work on tiles
     plans, seconds, peaks = [], [], []
@@ -150,8 +156,9 @@ def measured(device: str, threads: int) -> Calibration:
         image, signed_radius = (part.to(device) for part in scene)
         settings: dict[str, Any] = {"quality": quality, "left_right": pair}
 
-        def work() -> object:
-            return render(image, signed_radius, threads=threads, **settings)  # noqa: B023
+        def work() -> None:
+            stream = Stream(image, signed_radius, threads=threads, **settings)  # noqa: B023
+            deque(stream.regions(), maxlen=0)
 
         took = [_cost(work, device, threads) for _ in range(_REPEATS)]
         if number:  # the first is for what a process does once
@@ -159,7 +166,7 @@ def measured(device: str, threads: int) -> Calibration:
             seconds.append(min(second for second, _ in took))
             peaks.append(max(peak for _, peak in took))
     loads = [_loads(each, threads) for each in plans]
-    held = [_bytes(each, threads) for each in plans]
+    held = [_bytes(each, threads, threads) for each in plans]
     return Calibration(
         _fitted(loads, seconds, _USUAL_SECONDS),
         _fitted(held, [max(peak, _LEAST_MB) * memory.MB for peak in peaks], _USUAL_BYTES),
@@ -176,7 +183,7 @@ def _fitted(
     return dict(zip(usual, found, strict=True))
 
 
-def _cost(work: Callable[[], object], device: str, threads: int) -> tuple[float, float]:
+def _cost(work: Callable[[], None], device: str, threads: int) -> tuple[float, float]:
     """Seconds, and MB beyond what was held before.
 
     One thread on a CPU is asked for its own seconds: what else the machine does meanwhile is left
@@ -206,11 +213,14 @@ def _loads(plan: Plan, threads: int) -> dict[str, float]:
     return {name: load * waits.get(name, 1.0) for name, load in plan.loads.items()}
 
 
-def _bytes(plan: Plan, threads: int) -> dict[str, float]:
+def _bytes(plan: Plan, threads: int, at_once: int) -> dict[str, float]:
     """Bytes that are held at once."""
-    regions = _at_once(plan, threads)
+    from defocus_core.threads import AHEAD
+
+    regions = min(_at_once(plan, threads), at_once)
     tiles = regions * min(threads // regions, math.ceil(plan.tiles / plan.regions))
-    times = {"region": regions, "tile": tiles}
+    waiting = min(plan.regions, (1 + AHEAD) * regions)
+    times = {"region": regions, "result": waiting, "tile": tiles}
     return {name: size * times.get(name, 1) for name, size in plan.bytes.items()}
 
 

@@ -8,27 +8,40 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from defocus_cli.arrays import Stack
 from defocus_cli.files import leftover, sync_folder, unwritable
 from defocus_cli.quantities import length_text
 from defocus_cli.report import version
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_cli.engine import Outcome
     from defocus_cli.images import Color
     from defocus_cli.job import Outputs
+    from defocus_cli.made import Outcome
 
 DISPARITY_PER_RADIUS = 8 / (3 * math.pi)  # distance of the centroids of two half discs
 
 
+class _Scaled:
+    """An array [H, W], times a factor."""
+
+    def __init__(self, whole: Any, factor: float) -> None:
+        self._whole, self._factor = whole, factor
+        self.shape, self.dtype = whole.shape, whole.dtype
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        found: NDArray[Any] = self._whole[rows] * self._factor
+        return found
+
+
 def deliver(
     color: Color,
-    radius: NDArray[np.float32],
-    images: Mapping[str, NDArray[np.float32]],
+    radius: Any,
+    images: Mapping[str, tuple[Any, ...]],
+    clamped: Mapping[str, int],
     outcome: Outcome,
 ) -> tuple[str, ...]:
     """Write what a job asks for, all or nothing.
@@ -36,7 +49,8 @@ def deliver(
     Args:
         color: what was read, with the metadata and further channels to carry along.
         radius: signed CoC radius in px, [H, W].
-        images: kind to linear pixels [H, W, C], and trust [H, W].
+        images: kind to C arrays [H, W] of linear pixels, and trust to one.
+        clamped: how many pixels of a kind were clamped to be half.
         outcome: what the header of an EXR tells about the job.
 
     Returns:
@@ -50,9 +64,9 @@ def deliver(
 
     outputs = outcome.job.outputs
     paths, previews = outcome.job.paths, outcome.job.previews
-    maps = {"coc": radius, "disparity": radius * DISPARITY_PER_RADIUS}
+    maps = {"coc": radius, "disparity": _Scaled(radius, DISPARITY_PER_RADIUS)}
     if "trust" in images:
-        maps["trust"] = images["trust"]
+        maps["trust"] = images["trust"][0]
     warnings: list[str] = []
     with _all_or_nothing(outputs) as written:
         for kind, path in paths.items():
@@ -61,12 +75,13 @@ def deliver(
             if kind not in maps:
                 lost = write_image(
                     path,
-                    images[kind],
+                    Stack(images[kind]),
                     color.channels,
                     exr_type=outputs.exr_type,
                     bits=16 if outputs.format == "png16" else 8,
                     attributes={**color.attributes, **attributes},
                     extras=color.extras,
+                    clamped=clamped.get(kind, 0),
                 )
                 warnings += [f"{kind}: {warning}" for warning in lost]
             else:
@@ -74,10 +89,8 @@ def deliver(
             written.placed(path)
             if kind in previews:
                 written.begin(previews[kind])
-                if kind not in maps:
-                    write_preview(previews[kind], images[kind])
-                elif kind == "trust":
-                    write_preview(previews[kind], maps[kind][:, :, None])
+                if kind in images:
+                    write_preview(previews[kind], Stack(images[kind]))
                 else:
                     write_coc_preview(previews[kind], maps[kind])
                 written.placed(previews[kind])

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.exr import read_parts
 from defocus_cli.exr_header import is_exr, read_headers
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from defocus_cli.exr import Part
+    from defocus_cli.exr_header import Header
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}
 WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
@@ -42,17 +44,25 @@ class Depth:
 
     Attributes:
         metres: float32 [H, W], planar distance along the axis; +inf is sky.
-        invalid: bool [H, W], where the file has NaN, 0 or a negative number.
         path: the file.
         channel: the channel's name in the file, empty where channels have none.
         note: how the file was understood, for people.
     """
 
-    metres: NDArray[np.float32]
-    invalid: NDArray[np.bool_]
+    metres: Any
     path: Path
     channel: str
     note: str
+
+    def valid(self, rows: slice) -> NDArray[np.bool_]:
+        """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
+        found: NDArray[np.bool_] = self.metres[rows] > 0  # asked this way round, NaN is invalid too
+        return found
+
+    @property
+    def invalid(self) -> NDArray[np.bool_]:
+        """Where the file has NaN, 0 or a negative number: [H, W]."""
+        return ~self.valid(slice(None))
 
 
 def read_depth(
@@ -61,6 +71,7 @@ def read_depth(
     channel: str | None = None,
     part: int | None = None,
     unit: str | None = None,
+    keeping: Keeping = IN_MEMORY,
 ) -> Depth:
     """Decode a depth map; holes are marked, not refused (see `require_valid`).
 
@@ -69,6 +80,7 @@ def read_depth(
         channel: which channel of an EXR file; PART/CHANNEL works too.
         part: only look in this part of a multi-part EXR file, counted from 0.
         unit: mm, cm, m or ft; None for metres, or millimetres in 16-bit PNG and TIFF.
+        keeping: where the numbers are to be kept.
 
     Raises:
         InputError: the file cannot be read, or what its depth is cannot be told.
@@ -78,15 +90,15 @@ def read_depth(
         raise UsageProblem("--depth-unit", f"{unit} is not known", f"use {', '.join(METRES)}")
     head = read_head(path)
     if is_exr(head):
-        return _from_exr(path, channel, part, unit)
+        return _from_exr(path, channel, part, unit, keeping)
     if path.suffix.lower() == ".exr":
         raise InputError(path, "is not an OpenEXR file", "check what wrote it")
     if channel is not None:
         raise UsageProblem("--depth-channel", f"{path} has no named channels", "leave it out")
     if is_float_map(head):
         read = read_float_map(path, integers=unit is not None)
-        return _depth(path, "", read.values, unit or "m", read.format)
-    return _from_raster(path, unit)
+        return _depth(path, "", read.values, unit or "m", read.format, keeping)
+    return _from_raster(path, unit, keeping)
 
 
 def require_valid(depth: Depth) -> None:
@@ -95,16 +107,16 @@ def require_valid(depth: Depth) -> None:
     Raises:
         InputError: naming how many pixels are NaN, 0 or negative, and the first as x,y.
     """
-    import numpy as np
-
-    if not depth.invalid.any():
+    count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(depth.metres.shape))
+    if not count:
         return
-    rows, columns = np.nonzero(depth.invalid)
-    problem = f"has {len(rows)} pixels that are NaN or ≤ 0, the first at {columns[0]},{rows[0]}"
+    problem = f"has {count} pixels that are NaN or ≤ 0, the first at {first}"
     raise InputError(depth.path, problem, "fill the holes, and write inf for sky")
 
 
-def _from_exr(path: Path, channel: str | None, part: int | None, unit: str | None) -> Depth:
+def _from_exr(
+    path: Path, channel: str | None, part: int | None, unit: str | None, keeping: Keeping
+) -> Depth:
     headers = read_headers(path)
     try:
         chosen = choose_depth(path, headers, channel=channel, part=part)
@@ -114,7 +126,13 @@ def _from_exr(path: Path, channel: str | None, part: int | None, unit: str | Non
     if not header.data.covers(header.display):
         problem = "has depth in its data window only, which leaves pixels of the picture without"
         raise InputError(path, problem, "render the depth over the whole display window")
-    pixels = read_parts(path, headers)[header.index].channels.get(chosen.name)
+
+    def wanted(other: Header, name: str) -> bool:
+        return (other.index, name) == (header.index, chosen.name)
+
+    parts = read_parts(path, headers, keeping, wanted)
+    pixels = parts[header.index].channels.get(chosen.name)
+    del parts  # other channels are not needed
     if pixels is None:
         problem = f"has {chosen.name} at a lower resolution than its other channels"
         raise InputError(path, problem, "save the depth without subsampling")
@@ -123,9 +141,8 @@ def _from_exr(path: Path, channel: str | None, part: int | None, unit: str | Non
         raise InputError(path, problem, "say --depth-unit mm")
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
-    return _depth(
-        path, chosen.name, pixels, unit or "m", f"EXR {kind} channel {chosen.name}{place}"
-    )
+    told = f"EXR {kind} channel {chosen.name}{place}"
+    return _depth(path, chosen.name, pixels, unit or "m", told, keeping)
 
 
 def _grey_hint(path: Path, error: InputError, channel: str | None) -> InputError | None:
@@ -147,7 +164,7 @@ def _grey(part: Part) -> bool:
     return all(np.array_equal(planes[0], plane, equal_nan=True) for plane in planes[1:])
 
 
-def _from_raster(path: Path, unit: str | None) -> Depth:
+def _from_raster(path: Path, unit: str | None, keeping: Keeping) -> Depth:
     raster = read_raster(path, wanted=FORMATS)
     if raster.samples is None:
         raise InputError(path, "holds deep data", "flatten it first")
@@ -160,22 +177,28 @@ def _from_raster(path: Path, unit: str | None) -> Depth:
     integer = raster.type == "uint16"
     kind = f"16-bit {path.suffix[1:].upper()}" if integer else f"float {path.suffix[1:].upper()}"
     unit = unit or ("mm" if integer else "m")
-    return _depth(path, "", raster.samples[:, :, 0], unit, kind)
+    return _depth(path, "", raster.samples[:, :, 0], unit, kind, keeping)
 
 
-def _depth(path: Path, channel: str, values: NDArray[Any], unit: str, kind: str) -> Depth:
+def _depth(path: Path, channel: str, values: Any, unit: str, kind: str, keeping: Keeping) -> Depth:
     """Values of a file, in ``unit``, as planar metres."""
     import numpy as np
 
-    with np.errstate(over="ignore"):  # a double beyond float32 is sky
-        metres = values.astype(np.float32)
-    sky = metres >= SKY
-    note = f"{kind}, {WORDS[unit]}"
-    if values.dtype == np.float16 and (values == HALF_SKY).any():
-        sky |= values == HALF_SKY
-        note += ", 65504 taken as sky"
-    if unit != "m":
-        metres = (values.astype(np.float64) * METRES[unit]).astype(np.float32)
-    metres = np.where(sky, np.float32(np.inf), metres)
-    invalid = ~(metres > 0)  # asked this way round, NaN is invalid too
-    return Depth(np.ascontiguousarray(metres), invalid, path, channel, note)
+    own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
+    # what is read is not needed any more: metres take its place
+    metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
+    half_sky = False
+    for rows in bands(values.shape):
+        given = values[rows]
+        with np.errstate(over="ignore"):  # a double beyond float32 is sky
+            found = given.astype(np.float32)
+        sky = found >= SKY
+        if given.dtype == np.float16:
+            largest = given == HALF_SKY
+            half_sky |= bool(largest.any())
+            sky |= largest
+        if unit != "m":
+            found = (given.astype(np.float64) * METRES[unit]).astype(np.float32)
+        metres[rows] = np.where(sky, np.float32(np.inf), found)
+    note = f"{kind}, {WORDS[unit]}{', 65504 taken as sky' * half_sky}"
+    return Depth(metres, path, channel, note)

@@ -8,23 +8,26 @@ colour is what shows over black. The same pixels and attributes make the same by
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.arrays import Stack, bands
 from defocus_cli.errors import InputError, UsageProblem, reason
 from defocus_cli.exr import clamped_half, write_exr
 from defocus_cli.files import quiet, unwritable, written_whole
 from defocus_cli.transfer import linear_to_srgb, quantised
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
+_BLOCK = 1 << 20  # bytes copied at once
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
 _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
@@ -35,24 +38,27 @@ _OPTIONS: dict[str, dict[str, str | int]] = {
 
 def write_image(
     path: Path,
-    pixels: NDArray[np.float32],
+    pixels: Any,
     channels: Sequence[str],
     *,
     exr_type: str = "half",
     bits: int = 8,
     attributes: Mapping[str, object],
-    extras: Mapping[str, NDArray[Any]] | None = None,
+    extras: Mapping[str, Any] | None = None,
+    clamped: int = 0,
 ) -> list[str]:
     """Write an image.
 
     Args:
         path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
-        pixels: [H, W, C] scene-linear, premultiplied if A is among the channels.
+        pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
+            for an EXR of half. An array, or a `Stack`; some rows are looked at at a time.
         channels: names of the C channels, as `defocus_cli.images.Color`.
         exr_type: half or float, of the EXR's image channels.
         bits: 8 or 16, of a PNG.
         attributes: EXR metadata; other formats keep those that start with ``defocus:``.
         extras: further EXR channels, written with their own types; other formats drop them.
+        clamped: pixels that had to be clamped to be half.
 
     Returns:
         What the file could not hold, one sentence each, for people.
@@ -62,35 +68,51 @@ def write_image(
         UsageProblem: a suffix of no known format.
     """
     if path.suffix.lower() == ".exr":
-        return _write_exr(path, pixels, channels, exr_type, attributes, extras or {})
+        planes = _planes(pixels)
+        if exr_type == "half" and pixels.dtype == "f4":
+            clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
+        named = dict(zip(channels, planes, strict=True))
+        write_exr(path, {**(extras or {}), **named}, attributes)
+        warning = f"{clamped} pixels beyond ±65504 clamped to half; float keeps them"
+        return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
         problem = "has a suffix of no format that can be written"
         raise UsageProblem(path, problem, f"use .exr, {', '.join(FORMATS)}")
     codec = FORMATS[path.suffix.lower()]
     depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
-    encoded, warnings = display_encoded(pixels, channels, depth, keep_alpha=codec != "jpeg")
+    keep_alpha = codec != "jpeg"
+    clipped = 0
+
+    def encoded() -> Iterator[NDArray[Any]]:
+        nonlocal clipped
+        for rows in bands(pixels.shape):
+            samples, count = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
+            clipped += count
+            yield samples
+
     told = {k: str(v) for k, v in attributes.items() if k.startswith("defocus:")}
-    write_samples(path, encoded, codec, told)
+    write_samples(path, pixels.shape[:2], encoded(), codec, told)
+    warnings = []
+    if channels[-1] == "A" and not keep_alpha:
+        warnings.append("alpha left out, colour shown over black")
+    if clipped:
+        warnings.append(f"{clipped} pixels above 1 clipped")
     return warnings
 
 
-def write_map(
-    path: Path, values: NDArray[np.float32], channel: str, *, attributes: Mapping[str, object]
-) -> None:
+def write_map(path: Path, values: Any, channel: str, *, attributes: Mapping[str, object]) -> None:
     """Write a float32 EXR with one channel, values [H, W].
 
     Raises:
         InputError: the file cannot be written.
     """
-    import numpy as np
-
-    write_exr(path, {channel: np.asarray(values, np.float32)}, attributes)
+    write_exr(path, {channel: values}, attributes)
 
 
 def display_encoded(
     pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
-) -> tuple[NDArray[Any], list[str]]:
-    """Linear, premultiplied pixels as sRGB integers, and what was lost on the way.
+) -> tuple[NDArray[Any], int]:
+    """Linear, premultiplied pixels as sRGB integers, and how many pixels were clipped.
 
     Args:
         pixels: [H, W, C] scene-linear.
@@ -99,75 +121,113 @@ def display_encoded(
         keep_alpha: divide the colour by alpha and keep it, instead of leaving it over black.
 
     Returns:
-        uint8 or uint16 [H, W, C'], and warnings.
+        uint8 or uint16 [H, W, C'], and a count.
     """
     import numpy as np
 
-    warnings = []
     colour = np.asarray(pixels, np.float32)
     alpha = None
     if channels[-1] == "A":
         colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
         if keep_alpha:
             colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
-        else:
-            warnings.append("alpha left out, colour shown over black")
-    clipped = np.count_nonzero((colour > 1.0 + _ROUNDING).any(axis=2))
-    if clipped:
-        warnings.append(f"{clipped} pixels above 1 clipped")
+    clipped = int(np.count_nonzero((colour > 1.0 + _ROUNDING).any(axis=2)))
     encoded = quantised(linear_to_srgb(colour), bits)
     if alpha is not None and keep_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
-    return encoded, warnings
+    return encoded, clipped
 
 
 def write_samples(
-    path: Path, samples: NDArray[Any], codec: str, attributes: Mapping[str, str]
+    path: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str],
 ) -> None:
-    """Write uint8 or uint16 samples [H, W, C] as they are.
+    """Write uint8 or uint16 samples as they are.
 
     Args:
         path: written whole or not at all.
-        samples: alpha, if any, unassociated.
+        size: (height, width).
+        samples: [h, W, C] of some rows after the other; alpha, if any, unassociated.
         codec: png, tiff or jpeg.
         attributes: text to keep in the file where the format can.
 
     Raises:
         InputError: the file cannot be written.
     """
-    encoded = _encoded(path, samples, codec, attributes)
-    with written_whole(path) as file:
-        file.write(encoded)
+    with _memory(path) as memory:
+        _encode(path, memory, size, samples, codec, attributes)
+        with written_whole(path) as file, memory.open("rb") as encoded:
+            shutil.copyfileobj(encoded, file, _BLOCK)
 
 
-def _write_exr(
-    path: Path,
-    pixels: NDArray[np.float32],
-    channels: Sequence[str],
-    exr_type: str,
-    attributes: Mapping[str, object],
-    extras: Mapping[str, NDArray[Any]],
-) -> list[str]:
+class _Half:
+    """A float32 array [H, W] as half, clamped."""
+
+    def __init__(self, whole: Any) -> None:
+        import numpy as np
+
+        self._whole, self.shape, self.dtype = whole, whole.shape, np.dtype(np.float16)
+
+    def __getitem__(self, rows: slice) -> NDArray[np.float16]:
+        return clamped_half(self._whole[rows])[0]
+
+
+def _planes(pixels: Any) -> list[Any]:
+    """The arrays [H, W] of an image [H, W, C]."""
+    if isinstance(pixels, Stack):
+        return list(pixels.planes)
+    return [pixels[:, :, index] for index in range(pixels.shape[2])]
+
+
+def _beyond_half(pixels: Any) -> int:
+    """How many pixels [H, W, C] hold more than half can."""
     import numpy as np
 
-    warnings = []
-    image: NDArray[Any] = np.asarray(pixels, np.float32)
-    if exr_type == "half":
-        image, beyond = clamped_half(image)
-        count = np.count_nonzero(beyond.any(axis=2))
-        if count:
-            warnings.append(f"{count} pixels beyond ±65504 clamped to half; float keeps them")
-    planes = {name: image[:, :, index] for index, name in enumerate(channels)}
-    write_exr(path, {**extras, **planes}, attributes)
-    return warnings
+    return sum(
+        int(np.count_nonzero(clamped_half(pixels[rows])[1].any(axis=2)))
+        for rows in bands(pixels.shape)
+    )
 
 
-def _encoded(path: Path, samples: NDArray[Any], codec: str, attributes: Mapping[str, str]) -> bytes:
-    """Bytes of the file. ``path`` is for messages only."""
+def _encode(
+    path: Path,
+    memory: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str],
+) -> None:
+    """Encode samples to a file in memory. ``path`` is for messages only."""
     import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    height, width, count = samples.shape
+    output, done, row = None, True, 0
+    for some in samples:
+        with quiet():
+            if output is None:
+                spec = _spec(size, some, codec, attributes)
+                output = oiio.ImageOutput.create(codec)
+                assert output is not None, f"OpenImageIO without {codec}"
+                done = output.open(str(memory), spec)
+            rows = np.ascontiguousarray(some)
+            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
+        row += len(some)
+    assert output is not None
+    with quiet():
+        if not (done and output.close()):
+            problem = f"cannot be encoded as {codec}: {reason(RuntimeError(output.geterror()))}"
+            raise InputError(path, problem, "write EXR instead")
+
+
+def _spec(
+    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str]
+) -> Any:
+    import OpenImageIO as oiio  # noqa: N813
+
+    (height, width), count = size, samples.shape[2]
     spec = oiio.ImageSpec(width, height, count, samples.dtype.name)
     spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
     spec.alpha_channel = count - 1 if count in (2, 4) else -1
@@ -175,18 +235,7 @@ def _encoded(path: Path, samples: NDArray[Any], codec: str, attributes: Mapping[
     # An empty DateTime keeps OpenImageIO from writing the current one.
     for name, value in {**settings, "Software": "defocus", "DateTime": ""}.items():
         spec.attribute(name, value)
-    with quiet(), _memory(path) as memory:
-        output = oiio.ImageOutput.create(codec)
-        assert output is not None, f"OpenImageIO without {codec}"
-        done = (
-            output.open(str(memory), spec)
-            and output.write_image(np.ascontiguousarray(samples))
-            and output.close()
-        )
-        if not done:
-            problem = f"cannot be encoded as {codec}: {reason(RuntimeError(output.geterror()))}"
-            raise InputError(path, problem, "write EXR instead")
-        return memory.read_bytes()
+    return spec
 
 
 @contextmanager

@@ -3,86 +3,47 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from defocus_cli.arrays import IN_MEMORY, Keeping
+from defocus_cli.budget import base_mb, capacity_mb, holding
 from defocus_cli.errors import InputError, TooLarge, UsageProblem
-from defocus_cli.focusing import focused, signed_radius
+from defocus_cli.focusing import focused, radius_map
 from defocus_cli.interrupts import put_off
-from defocus_cli.job import IMAGE_KINDS, RENDERED_KINDS, Job, Lens, Picture, Reading
+from defocus_cli.job import RENDERED_KINDS, Job, Picture, Reading
+from defocus_cli.made import Loaded, Made, Outcome
+from defocus_cli.rendering import rendered
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from defocus_cli.depth import Depth
     from defocus_cli.images import Color
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a job."""
-
-    job: Job
-    lens: Lens  # with the focus distance that was found
-    size: tuple[int, int]  # width, height
-    coc_px: tuple[float, float]  # smallest and largest signed radius
-    depth_note: str
-    device: str
-    render_seconds: float = 0.0
-    render_cpu_seconds: float = 0.0
-    warnings: tuple[str, ...] = ()
-    stats: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """A picture, decoded; and what lies behind it, where a job needs and has it."""
-
-    color: Color
-    depth: Depth
-    behind: tuple[Color, Depth] | None = None
-
-
-@dataclass(frozen=True)
-class Made:
-    """What a job computed.
-
-    Attributes:
-        outcome: how.
-        color: what it was made of, for the metadata and further channels to carry along.
-        radius: signed CoC radius in px, [H, W].
-        images: kind to linear pixels [H, W, C], and trust [H, W].
-    """
-
-    outcome: Outcome
-    color: Color
-    radius: NDArray[np.float32]
-    images: Mapping[str, NDArray[np.float32]]
-
-
-def load_inputs(picture: Picture, reading: Reading, *, hidden: bool) -> Loaded:
-    """Decode a picture, and what lies behind it if ``hidden`` is wanted and there.
+def load_inputs(job: Job) -> Loaded:
+    """Decode the picture of a job, and what lies behind it if that is wanted and there.
 
     Raises:
         InputError: an input cannot be used.
         UsageProblem: the options make no sense for it.
     """
-    color, depth = read(picture, reading)
-    if picture.hidden is None or not hidden:
-        return Loaded(color, depth)
-    behind, behind_depth = read(picture.hidden, reading)
-    if behind.pixels.shape != color.pixels.shape:
+    picture, held = job.picture, holding(job)
+    if (at_once := held.held_mb) > (left := capacity_mb(job.machine)) and held.whole_mb:
+        problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
+        raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
+    color, depth = read(picture, job.reading, held.keeping)
+    if picture.hidden is None or not needs_hidden(job):
+        return Loaded(held, color, depth)
+    behind, behind_depth = read(picture.hidden, job.reading, held.keeping)
+    if behind.shape != color.shape:
         told, wanted = (
             f"{width}x{height} px of {channels} channels"
-            for height, width, channels in (behind.pixels.shape, color.pixels.shape)
+            for height, width, channels in (behind.shape, color.shape)
         )
         problem = f"is {told} but the picture is {wanted}"
         raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
-    return Loaded(color, depth, (behind, behind_depth))
+    return Loaded(held, color, depth, (behind, behind_depth))
 
 
 def needs_hidden(job: Job) -> bool:
@@ -105,20 +66,18 @@ def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | Non
     device = choose_device(job.machine.device)
     height, width = loaded.depth.metres.shape
     lens = focused(job.lens, loaded.depth)
-    radius = signed_radius(lens, loaded.depth.metres, (width, height))
+    radius, ends = radius_map(lens, loaded.depth.metres, loaded.holding.keeping)
     outcome = Outcome(
         job=job,
         lens=lens,
         size=(width, height),
-        coc_px=(float(radius.min()), float(radius.max())),
+        coc_px=ends,
         depth_note=loaded.depth.note,
         device=device,
     )
-    images: dict[str, Any] = {}
-    if set(job.outputs.kinds) & set(RENDERED_KINDS):
-        known = None if loaded.behind is None else _known(*loaded.behind, lens)
-        images, outcome = _render(loaded.color, radius, known, outcome, progress)
-    return Made(outcome, loaded.color, radius, images)
+    if not set(job.outputs.kinds) & set(RENDERED_KINDS):
+        return Made(outcome, loaded.color, radius, {}, {})
+    return rendered(loaded, radius, outcome, progress)
 
 
 def write(made: Made) -> Outcome:
@@ -129,8 +88,8 @@ def write(made: Made) -> Outcome:
     """
     from defocus_cli.delivery import deliver
 
-    warnings = deliver(made.color, made.radius, made.images, made.outcome)
-    return dataclasses.replace(made.outcome, warnings=warnings)
+    warnings = deliver(made.color, made.radius, made.images, made.clamped, made.outcome)
+    return dataclasses.replace(made.outcome, warnings=(*made.outcome.warnings, *warnings))
 
 
 def load() -> None:
@@ -139,6 +98,7 @@ def load() -> None:
         import torch  # noqa: F401
 
         import defocus_core  # noqa: F401
+    base_mb()
 
 
 def choose_device(name: str) -> str:
@@ -172,19 +132,13 @@ def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
     return reading.part if count > 1 else None
 
 
-def _known(
-    behind: Color, depth: Depth, lens: Lens
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Pixels [H, W, C], signed radius [H, W] px and mask [H, W] of what is known to lie behind."""
-    import numpy as np
-
-    height, width = depth.metres.shape
-    known = np.isfinite(depth.metres) | (behind.pixels != 0).any(-1)
-    return behind.pixels, signed_radius(lens, depth.metres, (width, height)), known
-
-
-def read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
+def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tuple[Color, Depth]:
     """Colour and depth of one size, all of whose pixels can be rendered.
+
+    Args:
+        picture: where they are.
+        reading: what to take from the files.
+        keeping: where they are to be kept.
 
     Raises:
         InputError: a file cannot be used.
@@ -197,14 +151,16 @@ def read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
         picture.color,
         layer=reading.color_layer,
         part=part_of(picture.color, reading, shared=shared),
+        keeping=keeping,
     )
     depth = read_depth(
         picture.depth,
         channel=reading.depth_channel,
         part=part_of(picture.depth, reading, shared=shared),
         unit=reading.depth_unit,
+        keeping=keeping,
     )
-    (height, width), (rows, columns) = color.pixels.shape[:2], depth.metres.shape
+    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     if (height, width) != (rows, columns):
         raise InputError(
             picture.depth,
@@ -214,54 +170,3 @@ def read(picture: Picture, reading: Reading) -> tuple[Color, Depth]:
     require_valid(depth)
     require_finite(color)
     return color, depth
-
-
-def _render(
-    color: Color,
-    radius: NDArray[np.float32],
-    known: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]] | None,
-    outcome: Outcome,
-    progress: Callable[[int, int], None] | None,
-) -> tuple[dict[str, Any], Outcome]:
-    """The images [H, W, C] and trust [H, W] asked for, and the outcome with what they cost."""
-    import torch
-
-    from defocus_cli.forecast import refuse_too_large
-    from defocus_core import Aperture, HiddenLayer, render
-
-    job, device = outcome.job, outcome.device
-    # Threads work on tiles; torch's own threads inside each would only wait for one another.
-    torch.set_num_threads(1)
-    image = torch.from_numpy(color.pixels.transpose(2, 0, 1).copy()).to(device)  # [C, H, W]
-    signed = torch.from_numpy(radius).to(device)
-    refuse_too_large(job, outcome.lens, image, signed, device=device)
-    hidden = None
-    if known is not None:
-        behind, *rest = (torch.from_numpy(x).to(device) for x in known)
-        hidden = HiddenLayer(behind.permute(2, 0, 1), *rest)
-
-    wall, cpu = time.perf_counter(), time.process_time()
-    try:
-        rendering = render(
-            image,
-            signed,
-            aperture=Aperture(outcome.lens.blades, outcome.lens.blade_rotation),
-            quality=job.machine.quality,
-            left_right=bool({"left", "right"} & set(job.outputs.kinds)),
-            hidden=hidden,
-            threads=job.machine.threads,
-            progress=progress,
-        )
-    except torch.OutOfMemoryError:
-        problem = "does not fit into the memory of the GPU"
-        raise TooLarge(job.picture.color, problem, "use --device cpu") from None
-    if device == "cuda":
-        torch.cuda.synchronize()
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    kinds = [kind for kind in IMAGE_KINDS if kind in job.outputs.kinds]
-    images = {kind: getattr(rendering, kind).permute(1, 2, 0).cpu().numpy() for kind in kinds}
-    if "trust" in job.outputs.kinds:
-        images["trust"] = rendering.trust[0].cpu().numpy()
-    return images, dataclasses.replace(
-        outcome, render_seconds=wall, render_cpu_seconds=cpu, stats=rendering.stats
-    )

@@ -6,21 +6,27 @@ corruption is noticed on reading), without dates: the same arrays make the same 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.arrays import IN_MEMORY, Keeping
 from defocus_cli.errors import InputError, reason
 from defocus_cli.exr_header import Header, Window, read_headers
 from defocus_cli.files import quiet, written_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
 
 DAMAGED = ("is truncated or damaged", "write or copy it again")
+NO_STRIPS = (
+    "is too large to be held in --memory, and made of tiles, which cannot be read in strips",
+    "allow more --memory, or save it in scan lines",
+)
+_STRIP_BYTES = 1 << 25  # of pixels, encoded at once
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 # Attributes that describe how this one file is laid out, not the picture.
 STRUCTURAL = frozenset(
@@ -38,23 +44,31 @@ class Part:
 
     Attributes:
         header: what its header says.
-        channels: name to native array [H, W] of the display window; empty for a deep part.
-            Subsampled channels are left out.
+        channels: name to native array [H, W] of the display window, in memory or in a scratch
+            file; empty for a deep part. Subsampled channels are left out.
         attributes: header metadata that another file may carry: `STRUCTURAL` ones are left out,
             and values of a type that OpenEXR reads but cannot write.
     """
 
     header: Header
-    channels: dict[str, NDArray[Any]]
+    channels: dict[str, Any]
     attributes: dict[str, object]
 
 
-def read_parts(path: Path, headers: tuple[Header, ...] | None = None) -> tuple[Part, ...]:
+def read_parts(
+    path: Path,
+    headers: tuple[Header, ...] | None = None,
+    keeping: Keeping = IN_MEMORY,
+    wanted: Callable[[Header, str], bool] = lambda header, name: True,
+) -> tuple[Part, ...]:
     """All parts of an EXR file, decoded.
 
     Args:
         path: the file.
         headers: what `read_headers` said, if it has been asked already.
+        keeping: where the channels are to be kept; in a scratch file they are decoded in strips,
+            unless the file is made of tiles.
+        wanted: whether a channel of a part is; others may be left out.
 
     Raises:
         InputError: the file cannot be read, or not all of it.
@@ -64,6 +78,8 @@ def read_parts(path: Path, headers: tuple[Header, ...] | None = None) -> tuple[P
     headers = read_headers(path) if headers is None else headers
     try:
         with quiet():
+            if keeping.scratch:
+                return tuple(_in_strips(path, headers, keeping, wanted))
             decoded = OpenEXR.File(str(path), separate_channels=True).parts
             # OpenEXR leaves out a part that it failed to decode, with no more than a print.
             if len(decoded) != len(headers):
@@ -92,6 +108,55 @@ def _part(path: Path, header: Header, decoded: Any) -> Part:
     return Part(header, channels, attributes)
 
 
+def _in_strips(
+    path: Path,
+    headers: tuple[Header, ...],
+    keeping: Keeping,
+    wanted: Callable[[Header, str], bool],
+) -> Iterator[Part]:
+    """The parts, a strip of each at a time in memory."""
+    import OpenEXR
+
+    from defocus_cli.exr_strips import read_chunks, strips
+
+    said = OpenEXR.File(str(path), separate_channels=True, header_only=True).parts
+    if len(said) != len(headers):
+        raise InputError(path, *DAMAGED)
+    for header, chunks, one in zip(headers, read_chunks(path), said, strict=True):
+        attributes = {k: v for k, v in one.header.items() if _carriable(k, v)}
+        channels: dict[str, Any] = {}
+        flat = [c for c in header.channels if not c.subsampled and wanted(header, c.name)]
+        if header.deep:
+            flat = []
+        if flat and chunks is None:
+            raise InputError(path, *NO_STRIPS)
+        size = (header.display.height, header.display.width)
+        for channel in flat:
+            channels[channel.name] = keeping.new(size, _DTYPES[channel.type])
+        if flat and chunks is not None:
+            row_bytes = header.data.width * 4 * len(header.channels)
+            for first, found in strips(path, chunks, row_bytes):
+                for channel in flat:
+                    pixels = found.get(channel.name)
+                    if pixels is None or pixels.dtype != _DTYPES[channel.type]:
+                        raise InputError(path, *DAMAGED)
+                    top = header.data.y0 + first
+                    data = replace(header.data, y0=top, y1=top + len(pixels) - 1)
+                    if pixels.shape != (data.height, data.width):
+                        raise InputError(path, *DAMAGED)
+                    _put(channels[channel.name], pixels, data, header.display)
+        yield Part(header, channels, attributes)
+
+
+def _put(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
+    """Put what fills the data window where it lies in the display window."""
+    x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
+    y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
+    if x0 < x1 and y0 < y1:
+        seen = pixels[y0 - data.y0 : y1 - data.y0, x0 - data.x0 : x1 - data.x0]
+        whole[y0 - display.y0 : y1 - display.y0, x0 - display.x0 : x1 - display.x0] = seen
+
+
 def _crop(pixels: NDArray[Any], data: Window, display: Window) -> NDArray[Any]:
     """The display window of ``pixels``, which fill the data window; 0 where they do not reach."""
     import numpy as np
@@ -99,11 +164,7 @@ def _crop(pixels: NDArray[Any], data: Window, display: Window) -> NDArray[Any]:
     if data == display:
         return pixels
     cropped = np.zeros((display.height, display.width), pixels.dtype)
-    x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
-    y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
-    if x0 < x1 and y0 < y1:
-        seen = pixels[y0 - data.y0 : y1 - data.y0, x0 - data.x0 : x1 - data.x0]
-        cropped[y0 - display.y0 : y1 - display.y0, x0 - display.x0 : x1 - display.x0] = seen
+    _put(cropped, pixels, data, display)
     return cropped
 
 
@@ -119,14 +180,13 @@ def _carriable(name: str, value: object) -> bool:
     return isinstance(value, kinds)
 
 
-def write_exr(
-    path: Path, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, object]
-) -> None:
+def write_exr(path: Path, channels: Mapping[str, Any], attributes: Mapping[str, object]) -> None:
     """Write one part whose pixel types are those of the arrays.
 
     Args:
         path: written whole or not at all.
-        channels: name to float16, float32 or uint32 array [H, W].
+        channels: name to float16, float32 or uint32 array [H, W], of which some rows are looked at
+            at a time.
         attributes: header metadata; `STRUCTURAL` names are ignored.
 
     Raises:
@@ -135,11 +195,19 @@ def write_exr(
     import numpy as np
     import OpenEXR
 
+    from defocus_cli.exr_strips import ZIP_ROWS, write_strips
+
     header = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    pixels = {name: np.ascontiguousarray(array) for name, array in channels.items()}
+    height, width = next(iter(channels.values())).shape
+    row_bytes = width * sum(array.dtype.itemsize for array in channels.values())
+    each = max(1, _STRIP_BYTES // row_bytes // ZIP_ROWS) * ZIP_ROWS
+    parts = (
+        {name: np.ascontiguousarray(array[y : y + each]) for name, array in channels.items()}
+        for y in range(0, height, each)
+    )
     with written_whole(path) as file, quiet():
-        OpenEXR.File(header, pixels).write(file)
+        write_strips(file, header, (width, height), parts)
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:

@@ -122,14 +122,23 @@ def _parts(file: BinaryIO) -> list[Header]:
 
 def _attributes(file: BinaryIO) -> dict[str, bytes]:
     """Attribute values of the next header, empty at the end of a multi-part list."""
-    found: dict[str, bytes] = {}
+    return {name: value for name, _, value in attributes_of(file)}
+
+
+def attributes_of(file: BinaryIO) -> list[tuple[str, str, bytes]]:
+    """Name, type and value of the attributes of the next header, in order.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    found: list[tuple[str, str, bytes]] = []
     while name := _text(file):
-        _text(file)  # type
+        kind = _text(file)
         (size,) = struct.unpack("<i", file.read(4))
         if not 0 <= size <= _LONGEST_VALUE:
             raise ValueError(f"attribute {name} of {size} bytes")
-        found[name] = file.read(size)
-        if len(found[name]) < size:
+        found.append((name, kind, file.read(size)))
+        if len(found[-1][2]) < size:
             raise ValueError("it ends early")
     return found
 

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
+from defocus_cli.arrays import Keeping, bands
 from defocus_cli.errors import InputError, UsageProblem, reason
 from defocus_cli.job import Lens
 from defocus_cli.lens_file import lens_of, refuse_near_focus
@@ -73,6 +75,18 @@ def signed_radius(
     return radius
 
 
+def radius_map(lens: Lens, metres: Any, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
+    """The signed CoC radius in px of a whole frame [H, W], float32, and its least and greatest."""
+    height, width = metres.shape
+    whole = keeping.new((height, width), "float32")
+    ends = []
+    for rows in bands(metres.shape):
+        radius = signed_radius(lens, metres[rows], (width, height))
+        whole[rows] = radius
+        ends += [float(radius.min()), float(radius.max())]
+    return whole, (min(ends), max(ends))
+
+
 def _drawn(lens: Lens, attempt: int) -> Lens:
     if lens.draw is None or attempt == 0:
         return lens
@@ -97,22 +111,31 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
             f"{x},{y} lies outside {depth.path} of {width}x{height} px",
             f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
         )
-    foc_dist = float(depth.metres[y, x]) * MM_PER_M
+    foc_dist = float(depth.metres[y : y + 1, x : x + 1][0, 0]) * MM_PER_M
     refuse_near_focus(foc_dist, lens.foclen, f"--focus-at: {depth.path} at {x},{y}")
     return foc_dist
 
 
 def _at_percentile(lens: Lens, depth: Depth) -> float:
-    import numpy as np
+    import torch
+
+    from defocus_core.ranks import Ranks, counted
 
     assert lens.focus_percentile is not None
-    solid = depth.metres[np.isfinite(depth.metres) & ~depth.invalid]
-    if not solid.size:
+
+    def solid() -> Iterator[torch.Tensor]:
+        for rows in bands(depth.metres.shape):
+            metres = torch.from_numpy(depth.metres[rows])
+            yield metres[torch.isfinite(metres) & (metres > 0)]
+
+    counts = sum((counted(some) for some in solid()), torch.zeros((), dtype=torch.long))
+    ranks = Ranks(counts, solid, torch.float32)
+    if not ranks.total:
         remedy = "give the focus as a distance"
         raise Rejected(depth.path, "is all sky, with nothing to focus on", remedy, "no-valid-depth")
     # A distance that some pixel has: between two surfaces there is nothing to focus on.
-    metres = np.percentile(solid, lens.focus_percentile, method="inverted_cdf")
-    foc_dist = float(metres) * MM_PER_M
+    rank = math.ceil(ranks.total * (lens.focus_percentile / 100))
+    foc_dist = ranks.exactly(min(max(rank, 1), ranks.total)) * MM_PER_M
     if foc_dist <= lens.foclen:
         where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
         problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"
@@ -127,7 +150,9 @@ def _suited(lens: Lens, depth: Depth) -> Lens:
     if lens.max_coc is None:
         return lens
     height, width = depth.metres.shape
-    extremes = np.array([depth.metres.min(), depth.metres.max()])
+    of_bands = (depth.metres[rows] for rows in bands(depth.metres.shape))
+    ends = np.array([(metres.min(), metres.max()) for metres in of_bands])
+    extremes = np.array([ends.min(), ends.max()])
     radius = float(np.abs(signed_radius(lens, extremes, (width, height))).max())
     if radius > lens.max_coc:
         problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"

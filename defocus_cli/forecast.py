@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
+from defocus_cli.arrays import Windows, scratch_folder
+from defocus_cli.budget import base_mb, enough_mb
 from defocus_cli.calibration import Calibration, calibrated, kept, usual
 from defocus_cli.errors import TooLarge, UserError
-from defocus_cli.focusing import focused, signed_radius
+from defocus_cli.focusing import focused, radius_map
 from defocus_cli.job import RENDERED_KINDS, Job, Lens
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
+    from defocus_cli.made import Outcome
     from defocus_core.planning import Plan
+    from defocus_core.source import Pixels
 
 # Pictures of a batch that are looked at; the others are taken for alike.
 MOST_READ = 16
-# A frame that is sure to take less than this share of what there is is not planned before.
-_EASY = 0.25
 # What might help a frame that is too large, in the order in which it costs least.
 _REMEDIES = (
     ("--threads 1", {"threads": 1}),
@@ -44,6 +45,7 @@ class Forecast:
         plan: the work; None where only maps are written, which takes none.
         seconds: of the rendering, as `render_seconds` will tell.
         peak_mb: most memory that the process, or the GPU, will hold.
+        scratch_mb: that its arrays take in scratch files; 0 if they are held in memory.
     """
 
     job: Job
@@ -53,6 +55,7 @@ class Forecast:
     plan: Plan | None
     seconds: float
     peak_mb: float
+    scratch_mb: float = 0.0
 
 
 def forecasts(
@@ -72,7 +75,7 @@ def forecasts(
 
     engine.load()
     device = engine.choose_device(jobs[0].machine.device)
-    base = memory.held_mb(device)
+    base = base_mb() if device == "cpu" else memory.held_mb(device)
     calibration = None
     if any(_renders(job) for job in jobs):
         calibration = calibrated(device, jobs[0].machine.threads)
@@ -98,30 +101,26 @@ def _renders(job: Job) -> bool:
 
 
 def _forecast(job: Job, device: str, base: float, calibration: Calibration | None) -> Forecast:
-    import torch
-
     from defocus_cli import engine
 
     start = time.perf_counter()
-    color, depth = engine.read(job.picture, job.reading)
+    loaded = engine.load_inputs(job)
     read_seconds = time.perf_counter() - start
-    height, width, channels = color.pixels.shape
-    lens = focused(job.lens, depth)
-    radius = signed_radius(lens, depth.metres, (width, height))
-    reach = (float(radius.min()), float(radius.max()))
-    inputs = height * width * _FLOAT * (channels + 1) / memory.MB
-    if device == "cpu":
-        inputs *= 2  # as read, and as rendered
-    planned, seconds, peak = None, 0.0, base + inputs
+    height, width, _ = loaded.color.shape
+    lens, held = focused(job.lens, loaded.depth), loaded.holding
+    radius, reach = radius_map(lens, loaded.depth.metres, held.keeping)
+    planned, seconds, peak = None, 0.0, base + (held.held_mb if device == "cpu" else 0.0)
     if calibration is not None and _renders(job):
-        image = torch.from_numpy(color.pixels).permute(2, 0, 1)
-        planned = _planned(job, lens, image, torch.from_numpy(radius))
+        image, signed = Windows(loaded.color.planes, "cpu"), Windows([radius], "cpu", lone=True)
+        planned = _planned(job, lens, image, signed)
         seconds = calibration.predicted_seconds(planned)
-        peak += calibration.predicted_mb(planned)
-    return Forecast(job, (width, height), reach, read_seconds, planned, seconds, peak)
+        at_once = _fitting(job, calibration, planned, _room_mb(held.room_mb, device))
+        peak += calibration.predicted_mb(planned, at_once or 1)
+    scratch = held.arrays_mb if held.scratch else 0.0
+    return Forecast(job, (width, height), reach, read_seconds, planned, seconds, peak, scratch)
 
 
-def _planned(job: Job, lens: Lens, image: Tensor, signed_radius: Tensor) -> Plan:
+def _planned(job: Job, lens: Lens, image: Pixels, signed_radius: Pixels) -> Plan:
     """The work on a picture [C, H, W] whose pixels have the given radii [H, W] px."""
     from defocus_core import Aperture
     from defocus_core.planning import plan
@@ -132,61 +131,77 @@ def _planned(job: Job, lens: Lens, image: Tensor, signed_radius: Tensor) -> Plan
         aperture=Aperture(lens.blades, lens.blade_rotation),
         quality=job.machine.quality,
         left_right=bool({"left", "right"} & set(job.outputs.kinds)),
+        tile=job.machine.tile,
     )
 
 
-def refuse_too_large(
-    job: Job,
-    lens: Lens,
-    image: Tensor,
-    signed_radius: Tensor,
-    *,
-    device: str,
-    limit_mb: float | None = None,
-) -> None:
-    """Refuse a frame whose rendering would not fit into memory, before any of it is done.
+def regions_at_once(
+    outcome: Outcome, image: Pixels, signed_radius: Pixels, room_mb: float
+) -> int | None:
+    """How many regions may be computed at once; None for as many as there are threads.
 
     Args:
-        job: what is to be rendered.
-        lens: that takes it.
-        image: [C, H, W], already in memory.
+        outcome: what is to be rendered, and where.
+        image: [C, H, W].
         signed_radius: [H, W] px.
-        device: that will render it.
-        limit_mb: for the whole process; None is what this machine has to give.
+        room_mb: what the process may take to compute in.
 
     Raises:
-        TooLarge: it would not fit; the remedy is the option with which it would.
+        TooLarge: not even one would fit; the remedy is the option with which it would.
     """
-    available = memory.available_mb(device)
-    if limit_mb is not None:
-        left = limit_mb - memory.held_mb(device)
-        available = left if available is None else min(left, available)
-    if available is None or _most_mb(image, signed_radius) < _EASY * available:
-        return
+    job, device = outcome.job, outcome.device
+    room = _room_mb(room_mb, device)
+    threads = job.machine.threads
+    if _most_mb(image.shape, max(map(abs, outcome.coc_px)), threads) < room:
+        return None
 
-    def needed(changed: Job) -> float:
-        threads = changed.machine.threads
-        calibration = kept(device, threads) or usual(threads)
-        return calibration.predicted_mb(_planned(changed, lens, image, signed_radius))
+    def needed(changed: Job) -> tuple[Calibration, Plan]:
+        count = changed.machine.threads
+        calibration = kept(device, count) or usual(count)
+        return calibration, _planned(changed, outcome.lens, image, signed_radius)
 
-    wanted = needed(job)
-    if wanted <= available:
-        return
-    problem = f"needs about {wanted:.0f} MB to render, but {max(available, 0):.0f} MB are left"
+    calibration, planned = needed(job)
+    if (found := _fitting(job, calibration, planned, room)) is not None:
+        return found
+    least = calibration.predicted_mb(planned, 1)
+    problem = f"needs about {least:.0f} MB to render, but {room:.0f} MB are left"
     for remedy, settings in _REMEDIES:
         changed = replace(job, machine=replace(job.machine, **settings))
-        if changed.machine != job.machine and needed(changed) <= available:
+        if changed.machine != job.machine and _fitting(changed, *needed(changed), room):
             raise TooLarge(job.picture.color, problem, f"use {remedy}")
+    machine = memory.available_mb(device)
+    if device == "cpu" and machine is not None and least < machine:
+        gigabytes = math.ceil(enough_mb(least) / 102.4) / 10
+        raise TooLarge(job.picture.color, problem, f"use --memory {gigabytes:.1f}GiB")
     raise TooLarge(job.picture.color, problem, "use a smaller picture or a machine with more")
 
 
-def _most_mb(image: Tensor, signed_radius: Tensor) -> float:
-    """More than any rendering holds, from the size and the largest radius alone."""
-    height, width = signed_radius.shape
-    spread = min(float(signed_radius.abs().max()), max(height, width))
+def _room_mb(room_mb: float, device: str) -> float:
+    """What there is to compute in, on the machine as it is now."""
+    available = memory.available_mb(device)
+    if device != "cpu":
+        return math.inf if available is None else available
+    return max(room_mb if available is None else min(room_mb, available), 0.0)
+
+
+def _fitting(job: Job, calibration: Calibration, planned: Plan, room_mb: float) -> int | None:
+    """The most regions at once that fit; None if not even one does."""
+    for at_once in range(job.machine.threads, 0, -1):
+        if calibration.predicted_mb(planned, at_once) <= room_mb:
+            return at_once
+    return None
+
+
+def _most_mb(shape: tuple[int, ...], spread: float, threads: int) -> float:
+    """More than any rendering holds, from the shape [C, H, W] and the largest radius alone."""
+    channels, height, width = shape
+    spread = min(spread, max(height, width))
+    margin = 3 * spread + 200
+    side = max(768, 4 * margin + 128) + 2 * margin
+    region = min(side, height) * min(side, width)
     window = (160 + 2.5 * spread) ** 2
-    samples = 40 * height * width + 2000 * window
-    return samples * (image.shape[0] + 1) * _FLOAT / memory.MB
+    samples = 2 * height * width + 60 * threads * region + 2000 * window
+    return samples * (channels + 1) * _FLOAT / memory.MB
 
 
 def record(forecast: Forecast) -> dict[str, Any]:
@@ -198,6 +213,9 @@ def record(forecast: Forecast) -> dict[str, Any]:
         "render_seconds": forecast.seconds,
         "peak_mb": forecast.peak_mb,
     }
+    if forecast.scratch_mb:
+        found["scratch_mb"] = forecast.scratch_mb
+        found["scratch_folder"] = str(scratch_folder())
     if (plan := forecast.plan) is not None:
         names = ("slices", "tiles", "slice_tiles", "slice_tiles_done", "tiles_with_hidden")
         found["stats"] = {name: getattr(plan, name) for name in names}
@@ -209,13 +227,16 @@ def line(forecast: Forecast) -> str:
     width, height = forecast.size
     near, far = forecast.coc_px
     told = f"  {width}x{height}, CoC {near:.2f} to {far:.2f} px: "
+    scratch = ""
+    if forecast.scratch_mb:
+        scratch = f", and {forecast.scratch_mb:.0f} MB of scratch in {scratch_folder()}"
     if (plan := forecast.plan) is None:
-        return f"{told}maps alone, nothing is rendered"
+        return f"{told}maps alone, nothing is rendered{scratch}"
     share = 100 * plan.slice_tiles_done / plan.slice_tiles
     return (
         f"{told}{plan.slices} slices, {plan.slice_tiles_done} of {plan.slice_tiles} steps of "
         f"slice x tile ({share:.0f} %); about {duration(forecast.seconds)}, "
-        f"{forecast.peak_mb:.0f} MB"
+        f"{forecast.peak_mb:.0f} MB{scratch}"
     )
 
 

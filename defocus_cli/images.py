@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.arrays import IN_MEMORY, Keeping, bands, count_of
 from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.exr import Part, read_parts
 from defocus_cli.exr_header import is_exr, read_headers
@@ -32,18 +33,31 @@ class Color:
     """A decoded colour image.
 
     Attributes:
-        pixels: float32 [H, W, C], scene-linear, alpha premultiplied.
+        planes: C arrays [H, W], half or float32, scene-linear, alpha premultiplied.
         channels: names of the C channels: R, G, B or Y, then A if there is one.
         path: the file.
         attributes: EXR metadata for the output to carry.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
     """
 
-    pixels: NDArray[np.float32]
+    planes: tuple[Any, ...]
     channels: tuple[str, ...]
     path: Path
     attributes: dict[str, object] = field(default_factory=dict)
-    extras: dict[str, NDArray[Any]] = field(default_factory=dict)
+    extras: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(height, width, C)."""
+        height, width = self.planes[0].shape
+        return height, width, len(self.planes)
+
+    @property
+    def pixels(self) -> NDArray[np.float32]:
+        """All of it, float32 [H, W, C]."""
+        import numpy as np
+
+        return np.stack([plane[:] for plane in self.planes], axis=2, dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -66,13 +80,20 @@ class FileInfo:
     parts: tuple[PartInfo, ...]
 
 
-def read_color(path: Path, *, layer: str | None = None, part: int | None = None) -> Color:
+def read_color(
+    path: Path,
+    *,
+    layer: str | None = None,
+    part: int | None = None,
+    keeping: Keeping = IN_MEMORY,
+) -> Color:
     """Decode a colour image.
 
     Args:
         path: an EXR, HDR, PNG, JPEG or TIFF file.
         layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
         part: only look in this part of a multi-part EXR file, counted from 0.
+        keeping: where the pixels are to be kept.
 
     Raises:
         InputError: the file cannot be read, or has no colour or several to choose from.
@@ -80,7 +101,7 @@ def read_color(path: Path, *, layer: str | None = None, part: int | None = None)
     """
     head = read_head(path)
     if is_exr(head):
-        return _from_exr(path, layer, part)
+        return _from_exr(path, layer, part, keeping)
     if path.suffix.lower() == ".exr":
         raise InputError(path, "is not an OpenEXR file", "check what wrote it")
     if is_float_map(head):
@@ -88,7 +109,7 @@ def read_color(path: Path, *, layer: str | None = None, part: int | None = None)
         raise InputError(path, problem, "use EXR, PNG, JPEG, TIFF or HDR for colour")
     if layer is not None:
         raise UsageProblem("--color-layer", f"{path} has no layers", "leave it out")
-    return _from_raster(path, read_raster(path))
+    return _from_raster(path, read_raster(path), keeping)
 
 
 def require_finite(color: Color) -> None:
@@ -99,12 +120,13 @@ def require_finite(color: Color) -> None:
     """
     import numpy as np
 
-    if np.isfinite(color.pixels).all():
-        return
-    rows, columns = np.nonzero(~np.isfinite(color.pixels).all(axis=2))
-    problem = (
-        f"has {len(rows)} pixels that are NaN or infinite, the first at {columns[0]},{rows[0]}"
+    count, first = count_of(
+        (~np.logical_and.reduce([np.isfinite(plane[rows]) for plane in color.planes]), rows.start)
+        for rows in bands(color.shape)
     )
+    if not count:
+        return
+    problem = f"has {count} pixels that are NaN or infinite, the first at {first}"
     raise InputError(color.path, problem, "render or save it again with finite values")
 
 
@@ -133,21 +155,34 @@ def describe(path: Path) -> FileInfo:
     return FileInfo(path, raster.width, raster.height, (flat,))
 
 
-def _from_exr(path: Path, layer: str | None, part: int | None) -> Color:
-    import numpy as np
-
+def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
     headers = read_headers(path)
     chosen = choose_color(path, headers, layer=layer, part=part)
-    parts = read_parts(path, headers)
+    parts = read_parts(path, headers, keeping)
     own = parts[chosen.header.index]
-    planes = [own.channels[name] for name in chosen.channels.values()]
     return Color(
-        pixels=np.stack(planes, axis=2, dtype=np.float32),
+        planes=_alike([own.channels[name] for name in chosen.channels.values()], keeping),
         channels=tuple(chosen.channels),
         path=path,
         attributes=own.attributes,
         extras=_extras(parts, chosen),
     )
+
+
+def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
+    """Channels of one type, half or float32, that holds all that is in them."""
+    import numpy as np
+
+    if all(plane.dtype == np.float16 for plane in planes):
+        return tuple(planes)
+    found = []
+    for plane in planes:
+        if plane.dtype != np.float32:
+            given, plane = plane, keeping.new(plane.shape, np.float32)
+            for rows in bands(plane.shape):
+                plane[rows] = given[rows]
+        found.append(plane)
+    return tuple(found)
 
 
 def _extras(parts: Sequence[Part], chosen: ColorLayer) -> dict[str, NDArray[Any]]:
@@ -170,7 +205,7 @@ def _extras(parts: Sequence[Part], chosen: ColorLayer) -> dict[str, NDArray[Any]
     return extras
 
 
-def _from_raster(path: Path, raster: Raster) -> Color:
+def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
     import numpy as np
 
     if raster.samples is None:
@@ -181,13 +216,18 @@ def _from_raster(path: Path, raster: Raster) -> Color:
     if channels in ((), ("A",)):
         problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
         raise InputError(path, problem, "save it as RGB or grey")
-    samples = raster.samples[:, :, [names.index(c) for c in channels]]
-    alpha = _unit(samples[:, :, -1:]) if channels[-1] == "A" else None
-    colour = samples if alpha is None else samples[:, :, :-1]
-    pixels = _linear(colour, raster, alpha)
-    if alpha is not None:
-        pixels = np.concatenate([pixels, alpha], axis=2)
-    return Color(np.ascontiguousarray(pixels), channels, path)
+    which = [names.index(c) for c in channels]
+    size = raster.samples.shape[:2]
+    planes = tuple(keeping.new(size, np.float32) for _ in channels)
+    for rows in bands(size):
+        samples = raster.samples[rows][:, :, which]
+        alpha = _unit(samples[:, :, -1:]) if channels[-1] == "A" else None
+        colour = samples if alpha is None else samples[:, :, :-1]
+        pixels = _linear(colour, raster, alpha)
+        parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
+        for index, plane in enumerate(planes):
+            plane[rows] = parts[:, :, index]
+    return Color(planes, channels, path)
 
 
 def _linear(

@@ -89,11 +89,16 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute: what the pictures look like depends on ``quality`` alone."""
+    """How to compute: what the pictures look like depends on ``quality``.
+
+    Their last digits depend on ``tile`` too, and on nothing else here.
+    """
 
     quality: str = "standard"
     device: str = "auto"
     threads: int = 1
+    memory: int | None = None  # bytes for the process; None: most of what is available
+    tile: int | None = None  # px on a side of a tile; None: what the renderer thinks best
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def reset_peak(device: str = "cpu") -> None:
 
         torch.cuda.reset_peak_memory_stats()
         return
-    _trim()
+    trim()
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 
@@ -81,7 +81,7 @@ def _entry(file: Path, name: str) -> float:
     return int(file.read_text().partition(name)[2].split()[0]) / 1024
 
 
-def _trim() -> None:
+def trim() -> None:
     """Hand back what the allocator of glibc keeps for later; others are left alone."""
     if not sys.platform.startswith("linux"):
         return

@@ -13,10 +13,12 @@ from typing import Any
 
 import click
 
+from defocus_cli.grouped import GroupedOption
 from defocus_cli.job import KINDS, Lens, Machine, Outputs, Reading
 from defocus_cli.lens_file import make_lens
 from defocus_cli.lens_options import PARSERS
-from defocus_cli.option_types import FilePath, Format, Kinds, Quantity, refuse_kinds_with_blanks
+from defocus_cli.option_types import FilePath, Format, Kinds, Quantity
+from defocus_cli.quantities import byte_count
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -28,38 +30,7 @@ QUALITIES = (
 )  # those of defocus_core, which takes seconds to import
 DEPTH_UNITS = ("mm", "cm", "m", "ft")
 DEVICES = ("auto", "cpu", "cuda")
-
-
-class GroupedOption(click.Option):
-    """An option that help shows under a heading."""
-
-    def __init__(self, *args: Any, heading: str = "Options", **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self.heading = heading
-
-
-class GroupedCommand(click.Command):
-    """A command whose help shows its options under their headings, in order."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse; click forgets which command an option without its value belongs to."""
-        refuse_kinds_with_blanks(args)
-        try:
-            return super().parse_args(ctx, args)
-        except click.UsageError as error:
-            error.ctx = error.ctx or ctx
-            raise
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write one section for each heading."""
-        sections: dict[str, list[tuple[str, str]]] = {}
-        for param in self.get_params(ctx):
-            record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
-            if record is not None:
-                sections.setdefault(getattr(param, "heading", "Options"), []).append(record)
-        for heading, records in sections.items():
-            with formatter.section(heading):
-                formatter.write_dl(records)
+TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
 def cores() -> int:
@@ -195,8 +166,28 @@ def machine_options(command: Command) -> Command:
                 metavar="N",
                 help="Threads to compute with.  [default: one for each core]",
             ),
+            *memory_options(),
         ],
     )(command)
+
+
+def memory_options() -> list[Decorator]:
+    """Bounds of memory, which change no picture by more than the last digits."""
+    return [
+        machine_option(
+            "--memory",
+            type=Quantity(byte_count, "SIZE"),
+            metavar="SIZE",
+            help="Memory a process may take, like 2GB: what is larger goes through scratch files "
+            "in TMPDIR.  [default: most of what is free]",
+        ),
+        machine_option(
+            "--tile",
+            type=click.IntRange(min=TILES[0], max=TILES[1]),
+            metavar="PX",
+            help="Side of the tiles to compute in; changes the last digits.",
+        ),
+    ]
 
 
 def machine_option(*names: str, **settings: Any) -> Decorator:

@@ -1,7 +1,8 @@
 """Reading ahead, rendering, writing behind.
 
-Each picture is computed while the next one is decoded and the one before is encoded. At most one
-picture waits to be computed and one to be written, whatever the number of jobs.
+Each picture is computed while the next one is decoded and the one before is encoded, as far as
+memory allows. At most one picture waits to be computed and one to be written, whatever the number
+of jobs.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from queue import SimpleQueue
 
 from defocus_cli import work
+from defocus_cli.budget import Gate
 from defocus_cli.job import Job
 from defocus_cli.work import Computed, Ready, Result, TileCount
 
@@ -31,7 +33,8 @@ def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None)
     Raises:
         Exception: what ``jobs`` or ``done`` raised.
     """
-    ahead, behind = _Ahead(jobs), _Behind(done)
+    gate = Gate()
+    ahead, behind = _Ahead(jobs, gate), _Behind(done, gate)
     try:
         for number, ready in ahead:
             behind.put(number, ready.result or work.compute(ready, progress))
@@ -44,8 +47,8 @@ def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None)
 class _Ahead:
     """Jobs whose inputs are decoded, one of them before it is asked for."""
 
-    def __init__(self, jobs: Iterable[Numbered]) -> None:
-        self._jobs = jobs
+    def __init__(self, jobs: Iterable[Numbered], gate: Gate) -> None:
+        self._jobs, self._gate = jobs, gate
         self._room = threading.Semaphore(1)
         self._queue: SimpleQueue[tuple[int, Ready] | BaseException | None] = SimpleQueue()
         self._stopped = False
@@ -62,12 +65,14 @@ class _Ahead:
         """Read nothing more."""
         self._stopped = True
         self._room.release()
+        self._gate.open()
 
     def _read(self) -> None:
         reader = work.Reader()
         try:
             for number, job in self._jobs:
                 self._room.acquire()
+                self._gate.enter(number, job)
                 if self._stopped:
                     return
                 self._queue.put((number, reader.read(job)))
@@ -80,8 +85,8 @@ class _Ahead:
 class _Behind:
     """Writes what is computed, on a thread; whoever brings the next waits for it."""
 
-    def __init__(self, done: Done) -> None:
-        self._done = done
+    def __init__(self, done: Done, gate: Gate) -> None:
+        self._done, self._gate = done, gate
         self._room = threading.Semaphore(1)
         self._queue: SimpleQueue[tuple[int, Computed | Result] | None] = SimpleQueue()
         self._error: BaseException | None = None
@@ -113,4 +118,5 @@ class _Behind:
             except BaseException as error:
                 self._error = error
             finally:
+                self._gate.leave(number)
                 self._room.release()

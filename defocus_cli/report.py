@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from defocus_cli.arrays import scratch_folder
 from defocus_cli.files import spoken
 from defocus_cli.quantities import Percentile, length_text
 
@@ -162,6 +163,9 @@ def outcome_lines(
             f"  {record['device']}, {job.machine.threads} threads, {record['quality']}, "
             f"{seconds['cpu']:.2f} CPU s"
         )
+        if "scratch_mb" in result["stats"]:
+            scratch_mb = result["stats"]["scratch_mb"]
+            yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
         if result["stats"]:
             yield "  " + ", ".join(f"{name} {x:.6g}" for name, x in result["stats"].items())
 

@@ -40,7 +40,7 @@ def revived(record: Record, out: Path) -> Job:
             typed(Lens, asked["lens"]),
             typed(Reading, asked["reading"]),
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
-            Machine(quality=asked["quality"]),
+            Machine(quality=asked["quality"], tile=asked.get("tile")),
             asked["suffix"],
         )
     except (KeyError, ValueError) as error:

@@ -20,7 +20,7 @@ from defocus_cli.job import Job
 from defocus_cli.reasons import Step, verdict
 
 if TYPE_CHECKING:
-    from defocus_cli.engine import Loaded, Made
+    from defocus_cli.made import Loaded, Made
 
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
@@ -65,7 +65,7 @@ class Reader:
             for role, path in identity.sources(job.picture).items():
                 with suppress(OSError):  # the decoder says it better
                     stamps[role] = identity.settled_stamp(path)
-            loaded = engine.load_inputs(job.picture, job.reading, hidden=engine.needs_hidden(job))
+            loaded = engine.load_inputs(job)
         except Exception as error:
             return Ready(job, None, stamps, 0.0, failure(error, "read", stamps))
         ready = Ready(job, loaded, stamps, time.perf_counter() - start)

@@ -7,6 +7,7 @@ the resolution, made once for the whole frame. So is the map of what the edges r
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.halving import Axis, axes, extended, greatest, halved, halves, spread_out
+from defocus_core.source import Pixels, banded
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
@@ -27,8 +29,8 @@ COARSE = 2
 _REACHED = 0.9
 # Levels of a deep continuation at most: it begins at as low a resolution as that allows.
 _LEVELS_AT_ONCE = 5
-# Rows of a quarter of the resolution that are made at once.
-_BAND = 32
+# Rows of a quarter of the resolution, and pixels of the whole one, that are made at once at most.
+_BAND, _PIXELS = 32, 1 << 20
 # Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
 _FINEST = -4
 _LEVELS = 13
@@ -105,11 +107,12 @@ class Backdrop(NamedTuple):
 
 
 def backdrop(
-    pixels: Tensor,
-    signed_radius: Tensor,
+    pixels: Pixels,
+    signed_radius: Pixels,
     limit: float = math.inf,
     dtype: torch.dtype | None = None,
     threads: int = 1,
+    ends: tuple[float, float] | None = None,
 ) -> Backdrop:
     """Look at a picture coarsely.
 
@@ -119,10 +122,14 @@ def backdrop(
         limit: What is brighter is a highlight, and not continued.
         dtype: To compute in; None for that of the pixels.
         threads: Bands of rows looked at at once.
+        ends: Least and greatest radius in px, if they are known.
     """
     H, W = signed_radius.shape
     dtype = dtype or pixels.dtype
-    least, most = map(float, torch.aminmax(signed_radius.detach()))
+    if ends is None:
+        of_bands = torch.stack([torch.stack(torch.aminmax(b)) for b in banded(signed_radius)])
+        ends = (float(of_bands.amin()), float(of_bands.amax()))
+    least, most = ends
     largest = min(max(-least, most, 1.0), _MOST)
     grain = 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
     fine = axes((H, W))
@@ -149,11 +156,10 @@ def backdrop(
         end = cone.shape[0] if rows[1] == quarter.length else 2 * last + halved_rows
         return sums[:, here], rank[here], cone[start:end]
 
-    cuts = [*range(0, quarter.length, _BAND), quarter.length]
-    sums, rank, cone = (
-        torch.cat(parts, -2)
-        for parts in zip(*threaded(looked_at, list(pairwise(cuts)), threads), strict=True)
-    )
+    step = max(1, min(_BAND, _PIXELS // (W << COARSE)))
+    cuts = [*range(0, quarter.length, step), quarter.length]
+    found = threaded(looked_at, list(pairwise(cuts)), threads)
+    sums, rank, cone = _put_together(found, (quarter.length, quarter.length, half.length))
     some = sums[-1] > 0
     values = sums[:-1] / torch.where(some, sums[-1], 1.0)
     pictures = [Coarse(values, torch.where(some, rank, -torch.inf), middle)]
@@ -195,6 +201,21 @@ def _halved(picture: Coarse) -> Coarse:
         torch.where(exists, least, -torch.inf),
         (down.axis, across.axis),
     )
+
+
+def _put_together(parts: Iterable[tuple[Tensor, ...]], heights: tuple[int, ...]) -> list[Tensor]:
+    """Pictures [..., h, w] from their rows, some at a time."""
+    if torch.is_grad_enabled():
+        return [torch.cat(rows, -2) for rows in zip(*parts, strict=True)]
+    whole: list[Tensor] = []
+    first = [0] * len(heights)
+    for rows in parts:
+        for i, some in enumerate(rows):
+            if len(whole) == i:
+                whole.append(some.new_empty(*some.shape[:-2], heights[i], some.shape[-1]))
+            whole[i].narrow(-2, first[i], some.shape[-2]).copy_(some)
+            first[i] += some.shape[-2]
+    return whole
 
 
 def _coarsely(
@@ -258,7 +279,7 @@ def _edges(r: Tensor, grain: float) -> Tensor:
 
 
 def _dilated(cone: Tensor, grain: float, span: float) -> Tensor:
-    """Cones [h, w] of half resolution spread over as many px as radii differ at most."""
+    """Cones [h, w] of half resolution spread over as many px as radii differ at most; in place."""
     decay = math.floor(DECAY / grain)
     reached, stride = 0, 1
     while 2 * reached * decay * grain < span:
@@ -267,10 +288,10 @@ def _dilated(cone: Tensor, grain: float, span: float) -> Tensor:
             n = cone.shape[dim] - stride
             if n < 1:
                 continue
-            result, fallen = cone.clone(), cone - fall
-            for target, source in ((0, stride), (stride, 0)):
-                side = result.narrow(dim, target, n)
-                torch.maximum(side, fallen.narrow(dim, source, n), out=side)
-            cone = result
+            for some in torch.split(cone, max(1, _PIXELS // cone.shape[dim]), 1 - dim):
+                fallen = some - fall
+                for target, source in ((0, stride), (stride, 0)):
+                    side = some.narrow(dim, target, n)
+                    torch.maximum(side, fallen.narrow(dim, source, n), out=side)
         reached, stride = reached + stride, 2 * stride
     return cone

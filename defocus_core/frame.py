@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
 from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
 from defocus_core.convolution import reach
-from defocus_core.hidden import AROUND, HiddenLayer
+from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
 from defocus_core.slicing import evenly, layers, rungs
-from defocus_core.survey import survey
+from defocus_core.source import Pixels, banded
+from defocus_core.survey import Survey, survey
 from defocus_core.tiling import Box, Grid, grid_over, largest, regions
 from defocus_core.windows import Window, spreads_of, windows
 
@@ -49,6 +49,7 @@ class Frame:
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
+        ends: Least and greatest signed radius in px of what is visible.
     """
 
     size: tuple[int, int]
@@ -71,6 +72,7 @@ class Frame:
     edges: bool
     tilted: bool
     margin: int
+    ends: tuple[float, float]
 
     @property
     def box(self) -> Box:
@@ -84,16 +86,17 @@ class Frame:
 
 
 def frame_of(
-    pixels: Tensor,
-    signed_radius: Tensor,
+    pixels: Pixels,
+    signed_radius: Pixels,
     *,
     aperture: Aperture,
     quality: Quality,
     left_right: bool,
     num_layers: int | None,
     psf_ks: int | None,
-    hidden: HiddenLayer | None,
+    hidden: Behind | None,
     threads: int,
+    tile: int | None = None,
 ) -> Frame:
     """Look at a picture as a whole; the arguments are those of `render`, for one picture.
 
@@ -110,21 +113,20 @@ def frame_of(
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
     seen = survey(pixels, signed_radius, dtype, threads)
     least, most = seen.least, seen.most
-    if hidden is not None and bool(hidden.mask.any()):
-        known = hidden.signed_radius.detach()[hidden.mask]
-        least, most = min(least, float(known.min())), max(most, float(known.max()))
+    if hidden is not None:
+        least, most = _with_hidden(hidden, least, most)
     radii = _slice_radii(least, most, quality, num_layers, psf_ks)
     numbers = layers(radii, quality)
     spreads = spreads_of(radii, numbers, quality.full_resolution, max(H, W) - 1)
     reaches = [spread.px for spread in spreads]
-    limit = threshold(seen.brightness)
-    dtype = torch.float64 if _needs_double(seen.brightness, limit) else dtype
-    grid = grid_over(H, W)
+    limit = threshold(seen.brightness, seen.brightest)
+    dtype = torch.float64 if _needs_double(seen, limit) else dtype
+    grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
     edges = max(seen.steepest) > 1
     margin = _NEIGHBOURHOOD + max(reaches)
     if edges:
         margin += AROUND
-    if bool((seen.brightness > limit).any()):
+    if seen.brightest > limit:
         margin = max(margin, reached_by(max(reaches)))
     return Frame(
         size=(H, W),
@@ -157,17 +159,43 @@ def frame_of(
         edges=edges,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
+        ends=(seen.least, seen.most),
     )
 
 
-def _needs_double(brightness: Tensor, limit: float) -> bool:
+def _with_hidden(hidden: Behind, least: float, most: float) -> tuple[float, float]:
+    """The least and greatest radius, of what is known to lie behind too.
+
+    Raises:
+        ValueError: If a value that is known is not finite.
+    """
+    for color, radius, mask in zip(*map(banded, hidden), strict=True):
+        some = mask.bool()
+        known = radius[some]
+        for name, values in (("color", color[:, some]), ("signed_radius", known)):
+            if not bool(torch.isfinite(values).all()):
+                raise ValueError(
+                    f"hidden.{name} must be finite where the mask is true; leave unknown pixels out"
+                )
+        if len(known):
+            least, most = min(least, float(known.min())), max(most, float(known.max()))
+    return least, most
+
+
+def _needs_double(seen: Survey, limit: float) -> bool:
     """Whether the rounding of float32 transforms, 1e-7 of the brightest, would show in the dark.
 
     What is brighter than the limit does not count: it is not transformed.
     """
-    some = brightness[::3, ::3].flatten()
-    lit = some[some > 0]
-    return bool(len(lit)) and min(float(brightness.max()), limit) > _RANGE * float(lit.median())
+    lit = seen.lit.total - seen.black
+    if not lit:
+        return False
+    median = seen.black + (lit + 1) // 2
+    bright = min(seen.brightest, limit)
+    low, high = seen.lit.about(median)
+    if bright <= _RANGE * low or bright > _RANGE * high:
+        return bright > _RANGE * high
+    return bright > _RANGE * seen.lit.exactly(median)
 
 
 def _slice_radii(

@@ -25,6 +25,7 @@ from defocus_core.backdrop import (
 )
 from defocus_core.continuation import REACH, continued
 from defocus_core.halving import Axis
+from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
@@ -56,6 +57,21 @@ class HiddenLayer(NamedTuple):
     color: Tensor
     signed_radius: Tensor
     mask: Tensor
+
+
+class Behind(NamedTuple):
+    """What is known of a whole frame, in memory or not; elsewhere than in the mask, anything."""
+
+    color: Pixels
+    signed_radius: Pixels
+    mask: Pixels
+
+    def within(self, box: Box, signed_radius: Tensor, dtype: torch.dtype) -> HiddenLayer:
+        """What is known within a box whose visible radii are [height, width] px."""
+        color, radius, mask = map(box.of, self)
+        mask = mask.bool()
+        color = torch.where(mask, color.to(dtype), 0.0)
+        return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
 
 
 def hidden_layer(

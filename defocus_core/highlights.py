@@ -20,6 +20,7 @@ from defocus_core.aperture import Aperture, Part, kernel
 from defocus_core.continuation import REACH, continued
 from defocus_core.convolution import reach
 from defocus_core.halving import Axis
+from defocus_core.ranks import Ranks
 from defocus_core.tiling import BLOCK, Box, blocks_of
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
@@ -47,13 +48,18 @@ class Highlights(NamedTuple):
     signed_radius: Tensor
 
 
-def threshold(brightness: Tensor) -> float:
-    """What a pixel must exceed to be a highlight in a frame of the given brightness [H, W]."""
-    most = float(brightness.max())
-    rank = max(1, int(_ORDINARY * brightness.numel()))
-    if int((brightness >= most / _BRIGHTER).sum()) > brightness.numel() - rank:
+def threshold(brightness: Ranks, most: float) -> float:
+    """What a pixel must exceed to be a highlight.
+
+    Args:
+        brightness: Of all pixels of the frame.
+        most: The greatest.
+    """
+    rank = max(1, int(_ORDINARY * brightness.total))
+    if brightness.about(rank)[0] >= most / _BRIGHTER:
         return most
-    return _BRIGHTER * max(float(brightness.flatten().kthvalue(rank).values), 0.0)
+    ordinary = brightness.exactly(rank)
+    return most if ordinary >= most / _BRIGHTER else _BRIGHTER * ordinary
 
 
 def reached_by(farthest: int) -> int:

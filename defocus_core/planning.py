@@ -14,13 +14,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.frame import Frame, frame_of
 from defocus_core.highlights import reached_by
 from defocus_core.presence import Presence
 from defocus_core.quality import find
+from defocus_core.source import Pixels, banded, bands
 from defocus_core.tiling import Grid, regions
 from defocus_core.windows import Window
 
@@ -28,8 +28,9 @@ from defocus_core.windows import Window
 TILE_LOADS = ("calls", "forward", "products", "inverse")
 REGION_LOADS = ("regions", "around", "hidden", "edges", "lights")
 LOADS = ("frame", "pixels", "kernels", *REGION_LOADS, *TILE_LOADS)
-# Bytes of the frame and the spectra of kernels, of each region, and of each tile in work.
-BYTES = ("pixels", "spectra", "region", "tile")
+# Bytes of the coarse picture of the frame and the spectra of kernels, of each region, of what is
+# made of each, and of each tile in work.
+BYTES = ("backdrop", "spectra", "region", "result", "tile")
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,14 @@ class Plan:
 
 
 def plan(
-    signed_radius: Tensor,
+    signed_radius: Pixels,
     *,
-    image: Tensor | None = None,
+    image: Pixels | None = None,
     channels: int = 3,
     aperture: Aperture | None = None,
     quality: str = "standard",
     left_right: bool = False,
+    tile: int | None = None,
 ) -> Plan:
     """Count what `render` would do.
 
@@ -75,18 +77,19 @@ def plan(
         aperture: The pupil, a round one by default.
         quality: As for `render`.
         left_right: As for `render`.
+        tile: As for `render`.
 
     Raises:
         ValueError: If the quality is unknown or the frame is not [H, W].
     """
-    if signed_radius.dim() != 2 or not signed_radius.numel():
+    if len(signed_radius.shape) != 2 or 0 in signed_radius.shape:
         raise ValueError(f"signed_radius must be [H, W], got {tuple(signed_radius.shape)}")
     if image is None:
         image = torch.zeros((1, 1, 1), device=signed_radius.device)
         image = image.expand(channels, *signed_radius.shape)
     frame = frame_of(
-        image.detach(),
-        signed_radius.detach(),
+        image,
+        signed_radius,
         aperture=aperture or Aperture(),
         quality=find(quality),
         left_right=left_right,
@@ -94,15 +97,17 @@ def plan(
         psf_ks=None,
         hidden=None,
         threads=1,
+        tile=tile,
     )
-    scene = Presence(frame, signed_radius.detach())
+    scene = Presence(frame, signed_radius)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     work = _Work(scene, grids)
     around = [
         _area(grid, frame.margin, frame) + _area(grid, frame.farthest, frame) for grid in grids
     ]
-    pixels, parts, size = signed_radius.numel(), len(frame.parts), frame.dtype.itemsize
-    samples = (len(image) + 1) * size / 4
+    (H, W), channels = frame.size, image.shape[0]
+    pixels, parts, size = H * W, len(frame.parts), frame.dtype.itemsize
+    samples = (channels + 1) * size / 4
     discs, blocks = _lights(frame, image, signed_radius, grids, scene.visible)
     repeated = sum(around) / (2 * pixels)
     loads = {
@@ -120,9 +125,12 @@ def plan(
         "inverse": work.inverse * samples * parts,
     }
     held = {
-        "pixels": 4 * pixels * samples * (3 if left_right else 1),
+        "backdrop": pixels * (1 + (channels + 2) * size / 16) if frame.edges else 0.0,
         "spectra": work.spectra * parts * 2 * size,
         "region": 4 * max(around) * samples * (1 + bool(discs)),
+        "result": max(_area(grid, 0, frame) for grid in grids)
+        * (channels * (3 if left_right else 1) + 1)
+        * size,
         "tile": 4 * work.widest * samples,
     }
     return Plan(
@@ -217,7 +225,7 @@ def _by_window(windows: list[Window], rungs: list[int]) -> Iterator[tuple[Window
 
 
 def _lights(
-    frame: Frame, image: Tensor, radius: Tensor, grids: list[Grid], visible: list[list[int]]
+    frame: Frame, image: Pixels, radius: Pixels, grids: list[Grid], visible: list[list[int]]
 ) -> tuple[float, float]:
     """What lights ask for, in all regions that they reach.
 
@@ -225,10 +233,13 @@ def _lights(
         Samples of their discs, as often as parts and nearer slices look at them; and pixels of the
         blocks from which what surrounds them is continued.
     """
-    at = torch.nonzero(image.detach().amax(0) > frame.limit)
+    found = []
+    for (top, _), some, r in zip(bands(*frame.size), banded(image), banded(radius), strict=True):
+        rows, columns = torch.nonzero(some.amax(0) > frame.limit).unbind(1)
+        found.append((torch.stack([rows + top, columns], 1), r[rows, columns]))
+    at, r = map(torch.cat, zip(*found, strict=True))
     if not len(at):
         return 0.0, 0.0
-    r = radius.detach()[at[:, 0], at[:, 1]]
     spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
     present = sorted({k for some in visible for k in some})
     nearer = r.new_tensor([frame.radii[k] for k in present]) < r[:, None] - 1.5

@@ -15,6 +15,7 @@ from defocus_core.hidden import FINE, hidden_layer
 from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
+from defocus_core.source import Pixels
 from defocus_core.tiling import BLOCK, TILE, blocks_at, visible_slices
 
 # Pixels of a sample at most, of one that shows what is hidden, and of the strips in which all are
@@ -42,7 +43,7 @@ class Presence:
         continued: Pixels of the blocks from which hidden content is continued.
     """
 
-    def __init__(self, frame: Frame, signed_radius: Tensor) -> None:
+    def __init__(self, frame: Frame, signed_radius: Pixels) -> None:
         self.frame = frame
         H, W = frame.size
         step = _step(H * W)
@@ -50,8 +51,8 @@ class Presence:
         for strip, inner in _strips(signed_radius) if frame.edges else ():
             for jump in (strip[inner.start : inner.stop + 1].diff(dim=0), strip[inner].diff(dim=1)):
                 self.edges += _EDGE_WIDTH * int((jump.abs() > _EDGE).sum())
-            rows.append(without_ramps(strip)[inner][::step, ::step])
-        radius = torch.cat(rows) if rows else signed_radius[::step, ::step]
+            rows.append(without_ramps(strip)[inner][::step, ::step].clone())
+        radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)
         self.visible = self._tiles(self._blocks(radius, everywhere, step, 1, (H, W)), 1)
         self.tilted: list[list[int]] = [[] for _ in self.visible]
@@ -77,7 +78,7 @@ class Presence:
         found = visible_slices(blocks, self.frame.reaches[::stride], self.frame.grid.tiles)
         return [[k * stride for k in some] for some in found]
 
-    def _behind(self, signed_radius: Tensor) -> list[list[int]]:
+    def _behind(self, signed_radius: Pixels) -> list[list[int]]:
         """For each tile the rungs of what is invented there.
 
         What is behind an edge is as wide as the radii differ: the greater, the coarser a sample
@@ -96,7 +97,7 @@ class Presence:
         for top in range(0, H, height):
             looked_at = min(height, H - top, TILE if bands > 1 else H)
             above = min(top, around)
-            wide = signed_radius[top - above : top + looked_at + around : step, ::step]
+            wide = signed_radius[top - above : top + looked_at + around : step, ::step].detach()
             small = without_ramps(wide / step)
             inner = slice(above // step, -(-(above + looked_at) // step))
             behind = hidden_layer(small[None], small)
@@ -143,11 +144,11 @@ def _step(pixels: int) -> int:
     return step
 
 
-def _strips(signed_radius: Tensor) -> Iterator[tuple[Tensor, slice]]:
+def _strips(signed_radius: Pixels) -> Iterator[tuple[Tensor, slice]]:
     """Some rows with a few around them, and which of them are the strip's own."""
     H, W = signed_radius.shape
     height = max(BLOCK, _STRIP // W // BLOCK * BLOCK)
     for top in range(0, H, height):
         above = min(top, _OVERLAP)
-        strip = signed_radius[top - above : top + height + _OVERLAP]
+        strip = signed_radius[top - above : top + height + _OVERLAP].detach()
         yield strip, slice(above, above + min(height, H - top))

@@ -14,11 +14,12 @@ from defocus_core.blur import Blur, Sliced
 from defocus_core.compositing import add_behind, pair_of, picture
 from defocus_core.frame import Frame
 from defocus_core.halving import axes
-from defocus_core.hidden import HiddenLayer, hidden_layer
+from defocus_core.hidden import Behind, HiddenLayer, hidden_layer
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import Unmixed, unmixed, whole
 from defocus_core.slicing import position
 from defocus_core.slopes import AROUND, slopes
+from defocus_core.source import Pixels
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
 
@@ -30,9 +31,9 @@ class Region:
         self,
         frame: Frame,
         grid: Grid,
-        pixels: Tensor,
-        signed_radius: Tensor,
-        known: HiddenLayer | None,
+        pixels: Pixels,
+        signed_radius: Pixels,
+        behind: Behind | None,
         beyond: Backdrop | None,
     ) -> None:
         """Find the surfaces of a region.
@@ -42,7 +43,7 @@ class Region:
             grid: Its tiles.
             pixels: [C, H, W] of the frame, in any precision.
             signed_radius: [H, W] px of the frame.
-            known: What is known behind the visible surface of the frame.
+            behind: What is known behind the visible surface of the frame.
             beyond: The frame seen coarsely; None if nothing in it is hidden.
         """
         self._frame = frame
@@ -63,9 +64,6 @@ class Region:
         middle = axes(frame.size, outer.top, outer.left)
 
         pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
-        if known is not None:
-            color, radius, mask = map(outer.of, known)
-            known = HiddenLayer(color.to(frame.dtype), radius.to(frame.dtype), mask)
         pixels, highlights = split(pixels, signed_radius, frame.limit, middle)
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         self._visible = self._in_front(own, signed_radius)
@@ -76,8 +74,8 @@ class Region:
             hidden = hidden_layer(own.color, signed_radius, beyond, outer, self._inside)
             if hidden is not None:
                 invented = hidden.mask
-                if known is not None:
-                    known = HiddenLayer(*map(self._inside.of, known))
+                if behind is not None:
+                    known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
                     invented = hidden.mask & ~known.mask
                     self._known = self._behind(known._replace(mask=hidden.mask & known.mask), 1)
                 self._invented = self._behind(hidden._replace(mask=invented), frame.stride)

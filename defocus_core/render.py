@@ -12,10 +12,11 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
-from defocus_core.assembly import assembled
+from defocus_core.assembly import assembled, finished
 from defocus_core.frame import frame_of
-from defocus_core.hidden import HiddenLayer
+from defocus_core.hidden import Behind, HiddenLayer
 from defocus_core.quality import find
+from defocus_core.tiling import BLOCK
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ def render(
     psf_ks: int | None = None,
     hidden: HiddenLayer | None = None,
     threads: int = 1,
+    tile: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rendering:
     """Defocus images whose pixels have known CoC radii.
@@ -77,6 +79,7 @@ def render(
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once. With more than one, torch itself should use one thread
             (torch.set_num_threads(1)).
+        tile: Px on a side of a tile, 16 at least; another changes results in the last digits.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -90,6 +93,7 @@ def render(
     _check_count("num_layers", num_layers)
     _check_count("psf_ks", psf_ks)
     _check_count("threads", threads)
+    _check_count("tile", tile, least=BLOCK)
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
     done, trusts = [], []
@@ -105,10 +109,10 @@ def render(
             psf_ks=psf_ks,
             hidden=known,
             threads=threads,
+            tile=tile,
         )
-        images, trust, counts = assembled(
-            frame, pixels, radius, hidden=known, threads=threads, progress=progress
-        )
+        parts = finished(frame, pixels, radius, hidden=known, threads=threads, progress=progress)
+        images, trust, counts = assembled(frame, pixels, parts)
         done.append(images)
         trusts.append(trust[0])
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
@@ -139,9 +143,7 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     return pixels, signed_radius.to(image.device).reshape(count, *size)
 
 
-def _hidden(
-    hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor
-) -> list[HiddenLayer | None]:
+def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list[Behind | None]:
     """What is known behind each picture."""
     if hidden is None:
         return [None] * len(pictures)
@@ -153,21 +155,10 @@ def _hidden(
             f"hidden must be color, signed_radius and mask of shapes {[*map(tuple, batched)]}, "
             f"got {shapes}"
         )
-    color, radius, mask = (x.reshape(b) for x, b in zip(hidden, batched, strict=True))
-    mask = mask.to(pictures.device).bool()
-    for name, values, some in (
-        ("color", color, mask[:, None].expand_as(pictures)),
-        ("signed_radius", radius, mask),
-    ):
-        if not bool(torch.isfinite(values.to(pictures.device)[some]).all()):
-            raise ValueError(
-                f"hidden.{name} must be finite where the mask is true; leave unknown pixels out"
-            )
-    color = torch.where(mask[:, None], color.to(pictures), 0.0)
-    radius = torch.where(mask, radius.to(radii), radii)
-    return [HiddenLayer(*one) for one in zip(color, radius, mask, strict=True)]
+    known = (x.reshape(b).to(pictures.device) for x, b in zip(hidden, batched, strict=True))
+    return [Behind(*one) for one in zip(*known, strict=True)]
 
 
-def _check_count(name: str, count: int | None) -> None:
-    if count is not None and count < 1:
-        raise ValueError(f"{name} must be at least 1, got {count}")
+def _check_count(name: str, count: int | None, least: int = 1) -> None:
+    if count is not None and count < least:
+        raise ValueError(f"{name} must be at least {least}, got {count}")

@@ -2,43 +2,46 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from defocus_core.ranks import Ranks, counted
+from defocus_core.source import Pixels, banded, bands
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
-# Rows looked at at once.
-_BAND = 256
+# Every how many rows and columns a pixel is looked at where some will do.
+_SOME = 3
 
 
 class Survey(NamedTuple):
-    """A picture in a few numbers.
+    """A picture in a few numbers. The brightness of a pixel is that of its brightest channel.
 
     Attributes:
         least: Signed radius in px.
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
         darkest: Least value of all channels.
-        brightness: [H, W], of each pixel that of its brightest channel.
+        brightest: Greatest value of all channels.
+        brightness: Of all pixels.
+        lit: Brightness of some pixels, evenly spread.
+        black: How many of these are not positive.
     """
 
     least: float
     most: float
     steepest: tuple[float, float]
     darkest: float
-    brightness: Tensor
+    brightest: float
+    brightness: Ranks
+    lit: Ranks
+    black: int
 
 
-def bands(height: int, rows: int = _BAND) -> list[tuple[int, int]]:
-    """First and last row + 1 of the bands of a frame."""
-    return list(pairwise([*range(0, height, rows), height]))
-
-
-def survey(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype, threads: int) -> Survey:
+def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
     """Look at each pixel once.
 
     Args:
@@ -52,27 +55,51 @@ def survey(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype, threads: i
     """
     H, W = signed_radius.shape
 
-    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor]:
-        band = Box(rows[0], 0, rows[1] - rows[0], W)
-        some, r = (band.of(x.detach()).to(dtype) for x in (pixels, signed_radius))
-        below = signed_radius.detach()[rows[0] : rows[1] + 1].to(dtype)
+    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        below = signed_radius[rows[0] : rows[1] + 1].detach().to(dtype)
+        r = below[: rows[1] - rows[0]]
+        some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         steps = [
             step.abs().amax() if step.numel() else r.new_zeros(())
             for step in (below.diff(dim=0), r.diff(dim=1))
         ]
-        return torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)]), some.amax(0)
+        brightness = some.amax(0)
+        few = _few(brightness, rows[0])
+        ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
+        return ends, counted(brightness), counted(few), (few <= 0).sum()
 
-    found, brightness = zip(*threaded(looked_at, bands(H), threads), strict=True)
-    numbers = torch.stack(found)
+    found = threaded(looked_at, bands(H, W), threads)
+    of_first, counts, lit, black = next(found)
+    of_bands = [of_first]
+    for numbers_of_it, *more in found:
+        of_bands.append(numbers_of_it)
+        for summed, each in zip((counts, lit, black), more, strict=True):
+            summed += each
+    numbers = torch.stack(of_bands)
     least, most, down, across, darkest, brightest = numbers.unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
         if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
+
+    def brightness_again() -> Iterator[Tensor]:
+        return (band.to(dtype).amax(0) for band in banded(pixels))
+
+    def lit_again() -> Iterator[Tensor]:
+        return map(_few, brightness_again(), (first for first, _ in bands(H, W)))
+
     return Survey(
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
         darkest=float(ends[2]),
-        brightness=torch.cat(brightness),
+        brightest=float(ends[3]),
+        brightness=Ranks(counts, brightness_again, dtype),
+        lit=Ranks(lit, lit_again, dtype),
+        black=int(black),
     )
+
+
+def _few(brightness: Tensor, first: int) -> Tensor:
+    """Some pixels of a band that begins at a row: the same of the frame, however it is banded."""
+    return brightness[-first % _SOME :: _SOME, ::_SOME]

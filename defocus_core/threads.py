@@ -1,12 +1,19 @@
-"""Independent pieces of work on a few threads, with the caller's gradient mode."""
+"""Independent pieces of work on a few threads, with the caller's gradient mode.
+
+At most some results wait to be taken: whoever takes them slowly is not overrun.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 import torch
+
+# Pieces for each thread that are begun before the first of them is taken.
+AHEAD = 3
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -24,7 +31,13 @@ def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Itera
             return work(piece)
 
     with ThreadPoolExecutor(threads) as pool:
+        begun: deque[Future[R]] = deque()
         try:
-            yield from pool.map(piece_of_work, pieces)
+            for piece in pieces:
+                begun.append(pool.submit(piece_of_work, piece))
+                if len(begun) > AHEAD * threads:
+                    yield begun.popleft().result()
+            while begun:
+                yield begun.popleft().result()
         finally:
             pool.shutdown(cancel_futures=True)

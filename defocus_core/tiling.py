@@ -1,8 +1,8 @@
 """A fixed grid of tiles, regions of them, and which slices each tile can see.
 
-The grid depends on nothing but the frame, so that a pixel is computed in the same way whatever
-else was asked for. A slice is worth computing for a tile if it has a pixel within its own radius
-of the tile.
+The grid depends on nothing but the frame and the side of a tile, so that a pixel is computed in
+the same way whatever else was asked for. A slice is worth computing for a tile if it has a pixel
+within its own radius of the tile.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.source import Pixels
+
 TILE = 128
 # Px on a side of the blocks in which the presence of slices is recorded.
 BLOCK = 16
@@ -20,6 +22,8 @@ BLOCK = 16
 _REGION = 640
 # Margins of light from outside may enlarge a region by so much on each side, as a share of it.
 _MARGIN = 0.15
+# Blocks that are counted at once: bounds memory.
+_COUNTED = 1 << 21
 
 
 class Box(NamedTuple):
@@ -49,7 +53,7 @@ class Box(NamedTuple):
         """The same rectangle counted from the corner of another."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
 
-    def of(self, picture: Tensor) -> Tensor:
+    def of(self, picture: Pixels) -> Tensor:
         """What it holds of a picture [..., H, W]."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
@@ -132,8 +136,6 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list
         reaches: Px that each slice spreads.
         tiles: The tiles.
     """
-    padded = torch.nn.functional.pad(blocks.to(torch.int32).cpu(), (1, 0, 1, 0))
-    count = padded.cumsum(1).cumsum(2)
     rows, columns = blocks.shape[1:]
     top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*tiles, strict=True))
     reach = torch.tensor(reaches)[None]  # [1, K]
@@ -141,9 +143,15 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list
     x0 = ((left - reach).clamp(min=0) // BLOCK).clamp(max=columns)
     y1 = ((top + height + reach + BLOCK - 1) // BLOCK).clamp(max=rows)
     x1 = ((left + width + reach + BLOCK - 1) // BLOCK).clamp(max=columns)
-    k = torch.arange(len(reaches))[None]
-    inside = count[k, y1, x1] - count[k, y0, x1] - count[k, y1, x0] + count[k, y0, x0]
-    return [torch.nonzero(row)[:, 0].tolist() for row in inside > 0]
+    found = []
+    for some in torch.split(torch.arange(len(reaches)), max(1, _COUNTED // (rows * columns))):
+        chosen = blocks[some[0] : some[-1] + 1].to(torch.int32).cpu()
+        count = torch.nn.functional.pad(chosen, (1, 0, 1, 0)).cumsum(1).cumsum(2)
+        k = (some - some[0])[None]
+        first, start, last, end = (corner[:, some] for corner in (y0, x0, y1, x1))
+        inside = count[k, last, end] - count[k, first, end] - count[k, last, start]
+        found.append(inside + count[k, first, start] > 0)
+    return [torch.nonzero(row)[:, 0].tolist() for row in torch.cat(found, 1)]
 
 
 def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Tensor:

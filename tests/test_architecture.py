@@ -19,7 +19,7 @@ LAYERS = [
     {"random_lens"},
     {"lens", "planning", "verification"},
     {"checks"},
-    {"render"},
+    {"render", "stream"},
     {"assembly"},
     {"baselines", "presence", "region"},
     {"blur", "frame"},
@@ -33,12 +33,14 @@ LAYERS = [
         "metrics",
         "probes",
         "quality",
+        "ranks",
         "recomputed",
         "scenery",
         "slopes",
         "threads",
-        "tiling",
     },
+    {"tiling"},
+    {"source"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

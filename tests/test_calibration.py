@@ -99,11 +99,17 @@ def test_threads_that_have_no_tile_left_wait() -> None:
 
 def test_each_thread_holds_what_it_works_on() -> None:
     one, four = MADE, replace(MADE, threads=4)
-    frame = len(BYTES) - 2  # without region and tile
-    assert one.predicted_mb(planned(6)) == frame + 1 + 1
-    assert four.predicted_mb(planned(6)) == frame + 1 + 4
-    assert four.predicted_mb(planned(8, regions=4)) == frame + 4 + 4
-    assert four.predicted_mb(planned(1)) == frame + 1 + 1
+    frame = len(BYTES) - 3  # without region, result and tile
+    assert one.predicted_mb(planned(6)) == frame + 1 + 1 + 1
+    assert four.predicted_mb(planned(6)) == frame + 1 + 1 + 4
+    assert four.predicted_mb(planned(8, regions=4)) == frame + 4 + 4 + 4
+    assert four.predicted_mb(planned(1)) == frame + 1 + 1 + 1
+
+
+def test_fewer_regions_at_once_hold_less() -> None:
+    four, plan = replace(MADE, threads=4), planned(160, regions=40)
+    held = [four.predicted_mb(plan, at_once) for at_once in (1, 2, 4)]
+    assert held[0] < held[1] < held[2] == four.predicted_mb(plan)
 
 
 def test_a_measurement_tells_more_work_from_less(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,9 @@ from command_line import (
 )
 
 from defocus_cli import calibration, engine, forecast, memory
+from defocus_cli.calibration import Calibration
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.made import Outcome
 from defocus_core.tiling import TILE
 
 
@@ -106,18 +109,24 @@ def test_a_dry_run_finds_what_cannot_be_rendered(tmp_path: Path) -> None:
     refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, str(depth))
 
 
-def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> Job:
+def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> Outcome:
     """A job, on a machine whose memory is 100 MB, that needs so much with some settings."""
-    monkeypatch.setattr(memory, "available_mb", lambda device: 100.0)
-    monkeypatch.setattr(forecast, "_most_mb", lambda image, radius: 1e9)
+    monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
+    monkeypatch.setattr(forecast, "_most_mb", lambda *_: 1e9)
 
-    def predicted(self: calibration.Calibration, plan: object) -> float:
-        return needed["threads_1"] if self.threads == 1 else needed["usual"]
+    def predicted(self: Calibration, plan: object, at_once: int = 0) -> float:
+        if self.threads == 1:
+            return needed["threads_1"]
+        return needed["usual"] * ((at_once or self.threads) / 4) ** 0.5
 
-    monkeypatch.setattr(calibration.Calibration, "predicted_mb", predicted)
+    monkeypatch.setattr(Calibration, "predicted_mb", predicted)
     color, depth = pair(tmp_path)
     lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
-    return Job(Picture("a", color, depth), lens, Reading(), outputs, Machine(threads=4))
+    job = Job(Picture("a", color, depth), lens, Reading(), outputs, Machine(threads=4))
+    return Outcome(job, lens, (8, 8), (-2.0, 3.0), "", "cpu")
+
+
+FRAME = (torch.rand(3, 8, 8), torch.zeros(8, 8))
 
 
 @pytest.mark.parametrize(
@@ -130,31 +139,37 @@ def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> J
 def test_what_does_not_fit_is_refused_with_what_would_help(
     needed: dict[str, float], remedy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    job = large(monkeypatch, tmp_path, **needed)
-    with pytest.raises(forecast.TooLarge, match=f"about 900 MB .* but 100 MB are left; .*{remedy}"):
-        forecast.refuse_too_large(
-            job, job.lens, torch.rand(3, 8, 8), torch.zeros(8, 8), device="cpu"
-        )
+    outcome = large(monkeypatch, tmp_path, **needed)
+    with pytest.raises(forecast.TooLarge, match=f"about 450 MB .* but 100 MB are left; .*{remedy}"):
+        forecast.regions_at_once(outcome, *FRAME, 1e9)
 
 
-def test_a_lower_limit_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    job = large(monkeypatch, tmp_path, usual=50.0, threads_1=10.0)
-    monkeypatch.setattr(memory, "held_mb", lambda device: 200.0)
-    frame = (job, job.lens, torch.rand(3, 8, 8), torch.zeros(8, 8))
-    forecast.refuse_too_large(*frame, device="cpu")
-    forecast.refuse_too_large(*frame, device="cpu", limit_mb=270.0)
-    with pytest.raises(forecast.TooLarge, match="but 30 MB are left; use --threads 1"):
-        forecast.refuse_too_large(*frame, device="cpu", limit_mb=230.0)
+@pytest.mark.parametrize(("room", "regions"), [(1e9, 4), (75.0, 3), (60.0, 2), (45.0, 1)])
+def test_as_many_regions_as_fit_are_computed_at_once(
+    room: float, regions: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcome = large(monkeypatch, tmp_path, usual=80.0, threads_1=10.0)
+    assert forecast.regions_at_once(outcome, *FRAME, room) == regions
+
+
+def test_what_a_limit_forbids_a_greater_one_would_allow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outcome = large(monkeypatch, tmp_path, usual=120.0, threads_1=60.0)
+    monkeypatch.setattr(forecast, "enough_mb", lambda needed: 300.0 + needed)
+    job = replace(outcome.job, machine=Machine(threads=4, memory=500 * memory.MB))
+    with pytest.raises(forecast.TooLarge, match=r"but 30 MB are left; use --memory 0.4GiB"):
+        forecast.regions_at_once(replace(outcome, job=job), *FRAME, 30.0)
 
 
 def test_rendering_refuses_what_does_not_fit_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    job = large(monkeypatch, tmp_path, usual=900.0, threads_1=90.0)
-    monkeypatch.setattr("defocus_core.render", None)
+    job = large(monkeypatch, tmp_path, usual=900.0, threads_1=90.0).job
+    monkeypatch.setattr("defocus_core.stream.Stream", None)
     files = (job.picture.color, job.picture.depth)
-    ran = run("render", *LENS, *files, "-o", tmp_path / "out", "--threads", "2")
-    refused(ran, 3, str(job.picture.color), "900 MB", "use --threads 1")
+    ran = run("render", *LENS, *files, "-o", tmp_path / "out", "--threads", "4")
+    refused(ran, 3, str(job.picture.color), "450 MB", "use --threads 1")
     assert files_under(tmp_path) == {"rgb/a.exr", "depth/a.exr"}
 
 
@@ -174,7 +189,8 @@ def test_the_quick_bound_is_above_the_prediction(kind: str, r: float) -> None:
     image, radius = scenery(kind, 200, 300, r)
     for quality in ("draft", "reference"):
         found = plan(radius, image=image, quality=quality, left_right=True)
-        assert calibration.usual(1).predicted_mb(found) < forecast._most_mb(image, radius)
+        most = forecast._most_mb(tuple(image.shape), float(radius.abs().max()), 2)
+        assert calibration.usual(2).predicted_mb(found) < most
 
 
 @pytest.mark.parametrize(

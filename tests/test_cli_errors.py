@@ -279,7 +279,7 @@ def test_usage_before_any_command() -> None:
         (("rendr",), "rendr: no such command; did you mean render?"),
         (("Info",), "did you mean info?"),
         (("bokeh",), "bokeh: no such command; see 'defocus --help'"),
-        (("render", "--fnumer", "2"), "--fnumer: no such option; did you mean --fnumber?"),
+        (("render", "--fnumer", "2"), "--fnumer: no such option; did you mean --fnumber"),
         (("info", "--dept-unit", "mm"), "did you mean --depth-"),
     ],
 )

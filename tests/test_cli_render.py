@@ -88,7 +88,17 @@ def test_what_is_in_focus_stays_as_it_is(tmp_path: Path) -> None:
 def test_left_and_right_are_halves_of_the_render(tmp_path: Path) -> None:
     out = tmp_path / "out"
     kinds = ("render", "left", "right")
-    render(*pair(tmp_path), "-o", out, "--outputs", ",".join(kinds), "--exr-type", "float")
+    render(
+        *pair(tmp_path),
+        "-o",
+        out,
+        "--outputs",
+        ",".join(kinds),
+        "--exr-type",
+        "float",
+        "--fnumber",
+        "0.4",
+    )
     centre, left, right = (read_exr(out / kind / "a.exr")["G"] for kind in kinds)
     np.testing.assert_allclose((left + right) / 2, centre, atol=1e-5)
     assert np.abs(left - right).max() > 1e-3

@@ -25,9 +25,9 @@ from command_line import (
 )
 from image_files import multi_part
 
-import defocus_core
 from defocus_cli.commands.render import command
 from defocus_cli.raster import read_raster
+from defocus_core import stream
 
 SIZE = 64
 ASKED = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
@@ -167,16 +167,17 @@ def test_machine_options_reach_the_renderer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, Any] = {}
-    true_render = defocus_core.render
+    true_stream = stream.Stream
 
     def spy(image: Any, radius: Any, **settings: Any) -> Any:
         asked.update(settings, device=image.device.type)
-        return true_render(image, radius, **settings)
+        return true_stream(image, radius, **settings)
 
-    monkeypatch.setattr(defocus_core, "render", spy)
-    machine = ("--quality", "draft", "--device", "cpu", "--threads", "3")
+    monkeypatch.setattr(stream, "Stream", spy)
+    machine = ("--quality", "draft", "--device", "cpu", "--threads", "3", "--tile", "64")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", *machine, "-v", "--json")
     assert (asked["quality"], asked["device"], asked["threads"]) == ("draft", "cpu", 3)
+    assert asked["tile"] == 64
     assert "cpu, 3 threads, draft" in ran.err
     picture = ran.json["pictures"][0]
     assert (picture["device"], picture["quality"]) == ("cpu", "draft")

@@ -253,5 +253,5 @@ def test_deep_data_is_refused(tmp_path: Path) -> None:
 
 
 def test_depth_is_plain_data() -> None:
-    depth = Depth(plane(), np.zeros((5, 6), bool), Path("a.exr"), "Z", "note")
+    depth = Depth(plane(), Path("a.exr"), "Z", "note")
     require_valid(depth)

@@ -19,7 +19,7 @@ from defocus_cli.encode import FORMATS, write_image, write_map
 from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.files import written_whole
 from defocus_cli.images import describe, read_color
-from defocus_cli.preview import diverging, write_coc_preview, write_preview
+from defocus_cli.preview import diverging, largest, write_coc_preview, write_preview
 
 SUFFIXES = (".exr", *FORMATS)
 ATTRIBUTES = {"defocus:focus": "2m"}
@@ -206,15 +206,15 @@ def test_nothing_is_printed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -
 
 def test_the_diverging_map_is_symmetric_about_focus() -> None:
     radius = np.array([[-8, -4, 0, 4, 8]], np.float32)
-    near, half_near, focus, half_far, far = diverging(radius)[0]
+    near, half_near, focus, half_far, far = diverging(radius, largest(radius))[0]
     assert focus.tolist() == [1, 1, 1]
     np.testing.assert_allclose(half_near, (near + 1) / 2, rtol=1e-6)
     np.testing.assert_allclose(half_far, (far + 1) / 2, rtol=1e-6)
     assert near[0] > near[2]  # orange
     assert far[2] > far[0]  # blue
     # One scale for both sides: half as far from focus is half the colour.
-    np.testing.assert_allclose(diverging(np.array([[-4, 8]], np.float32))[0], [half_near, far])
-    assert np.all(diverging(np.zeros((2, 2), np.float32)) == 1)
+    np.testing.assert_allclose(diverging(np.array([[-4, 8]], np.float32), 8.0)[0], [half_near, far])
+    assert np.all(diverging(np.zeros((2, 2), np.float32), 0.0) == 1)
 
 
 def test_previews_are_8_bit_png(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ LENS = Lens(50.0, 2.0, 2000.0)
 
 def depth_of(metres: np.ndarray[Any, Any]) -> Depth:
     planes = np.asarray(metres, np.float32)
-    return Depth(planes, ~(planes > 0), Path("depth.exr"), "Z", "")
+    return Depth(planes, Path("depth.exr"), "Z", "")
 
 
 def at(percent: float) -> Lens:

@@ -243,11 +243,11 @@ def test_a_layer_is_asked_only_of_exr(tmp_path: Path) -> None:
 
 def test_infinite_colour_is_refused_by_name() -> None:
     pixels = np.zeros((3, 4, 3), np.float32)
-    require_finite(Color(pixels, ("R", "G", "B"), Path("a.exr")))
+    require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
     pixels[1, 2, 0] = np.inf
     pixels[2, 0, 1] = np.nan
     with pytest.raises(InputError, match=r"2 pixels that are NaN or infinite, the first at 2,1"):
-        require_finite(Color(pixels, ("R", "G", "B"), Path("a.exr")))
+        require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
 
 
 def test_describe_reads_headers_only(tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_jobs_of_one_picture_are_decoded_once(
     from defocus_cli import engine
 
     decoded: list[str] = []
-    monkeypatch.setattr(engine, "load_inputs", lambda p, *_, **__: decoded.append(p.stem))
+    monkeypatch.setattr(engine, "load_inputs", lambda job: decoded.append(job.picture.stem))
     reader = work.Reader()
     for name in "aaabba":
         picture = Picture(name, tmp_path / name, tmp_path / name)

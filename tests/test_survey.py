@@ -4,9 +4,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.assembly import without_ramps_in_bands
-from defocus_core.ramps import without_ramps
-from defocus_core.survey import bands, survey
+from defocus_core.ramps import WithoutRamps, without_ramps
+from defocus_core.source import bands
+from defocus_core.survey import survey
+from defocus_core.tiling import Box
 
 SIZE = (600, 24)
 
@@ -16,9 +17,10 @@ def noise(*size: int) -> Tensor:
 
 
 def test_bands_are_all_rows_once() -> None:
-    rows = [y for first, last in bands(SIZE[0]) for y in range(first, last)]
-    assert rows == list(range(SIZE[0]))
-    assert len(bands(SIZE[0])) > 2
+    for width in (24, 30_000, 10**7):
+        rows = [y for first, last in bands(SIZE[0], width) for y in range(first, last)]
+        assert rows == list(range(SIZE[0]))
+    assert len(bands(*SIZE)) > 2
 
 
 @pytest.mark.parametrize("row", [0, 255, 256, 598])
@@ -34,8 +36,23 @@ def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
 def test_brightness_is_that_of_the_brightest_channel() -> None:
     image = noise(3, *SIZE)
     seen = survey(image.half(), torch.zeros(SIZE), torch.float32, 2)
-    assert torch.equal(seen.brightness, image.half().float().amax(0))
+    whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
+    for rank in (1, 5000, 14399, 14400):
+        low, high = seen.brightness.about(rank)
+        assert low <= float(whole[rank - 1]) <= high
+        assert seen.brightness.exactly(rank) == float(whole[rank - 1])
     assert seen.darkest == float(image.half().min())
+
+
+def test_some_pixels_are_evenly_spread_across_bands() -> None:
+    image = noise(3, *SIZE).double()
+    some = image.amax(0)[::3, ::3]
+    seen = survey(image, torch.zeros(SIZE), torch.float64, 1)
+    assert seen.lit.total == some.numel()
+    assert seen.black == int((some <= 0).sum())
+    middle = some[some > 0].median()
+    rank = seen.black + int((some > 0).sum() + 1) // 2
+    assert seen.lit.exactly(rank) == float(middle)
 
 
 @pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
@@ -51,9 +68,11 @@ def test_what_is_not_finite_is_found_in_every_band(value: float, row: int) -> No
         survey(image, radius, torch.float32, 1)
 
 
-def test_soft_edges_across_bands_become_the_steps_they_are_in_the_whole() -> None:
+def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None:
     y = torch.arange(SIZE[0]).double()
     radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
     whole = without_ramps(radius)
     assert not torch.equal(whole, radius)
-    assert torch.equal(without_ramps_in_bands(radius, 2), whole)
+    lazily = WithoutRamps(radius)
+    for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
+        assert torch.equal(box.of(lazily), box.of(whole))

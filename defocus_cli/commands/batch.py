@@ -9,6 +9,7 @@ import click
 from defocus_cli import aftermath, batch, batch_report, dry_runs, options, report
 from defocus_cli.batch_options import Crew, ShardType, crew_options, shards_size_option
 from defocus_cli.errors import UsageProblem
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.how import How
 from defocus_cli.job import Job, Outputs
 from defocus_cli.jobs_file import read_jobs
@@ -19,7 +20,7 @@ from defocus_cli.plan import make_plan
 
 @click.command(
     "batch",
-    cls=options.GroupedCommand,
+    cls=GroupedCommand,
     short_help="Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
 )
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")

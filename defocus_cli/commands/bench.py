@@ -19,12 +19,13 @@ from defocus_cli.bench_run import BASELINES, Row, measure_shot, warm_up
 from defocus_cli.bench_set import Shot, find_shots, read, sample_set
 from defocus_cli.bench_time import Case, Size, measure
 from defocus_cli.calibration import calibrated
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.option_types import FilePath, Names
 
 
 @click.command(
     "bench",
-    cls=options.GroupedCommand,
+    cls=GroupedCommand,
     short_help="Render scenes with known truth or made ones; say error and time.",
 )
 @click.option(

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from defocus_cli import options, report
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.inspection import inspect
 from defocus_cli.job import Lens, Reading
 from defocus_cli.option_types import FilePath
@@ -14,7 +15,7 @@ from defocus_cli.option_types import FilePath
 
 @click.command(
     "info",
-    cls=options.GroupedCommand,
+    cls=GroupedCommand,
     short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
 )
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")

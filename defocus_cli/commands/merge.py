@@ -8,12 +8,11 @@ import click
 
 from defocus_cli import aftermath, merging, options, report
 from defocus_cli.batch_options import shards_size_option
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.option_types import FilePath
 
 
-@click.command(
-    "merge", cls=options.GroupedCommand, short_help="Make one journal of those of all shards."
-)
+@click.command("merge", cls=GroupedCommand, short_help="Make one journal of those of all shards.")
 @click.argument("out", type=FilePath())
 @shards_size_option
 @options.json_option

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from defocus_cli import batch, batch_report, dry_runs, here, options, report
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.how import How
 from defocus_cli.job import (
     Job,
@@ -24,7 +25,7 @@ from defocus_cli.plan import make_plan
 
 @click.command(
     "render",
-    cls=options.GroupedCommand,
+    cls=GroupedCommand,
     short_help="Defocus pictures: colour and depth in, render, left, right, coc out.",
 )
 @click.argument("color", type=FilePath())

@@ -9,6 +9,7 @@ import click
 from defocus_cli import options, report
 from defocus_cli.batch_options import Crew, computed_by, crew_options, shards_size_option
 from defocus_cli.commands.batch import carry_out
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.how import How
 from defocus_cli.journal import read_all, require_journal
 from defocus_cli.ledger import Ledger
@@ -17,9 +18,7 @@ from defocus_cli.reasons import REASONS
 from defocus_cli.revival import failed_jobs
 
 
-@click.command(
-    "retry", cls=options.GroupedCommand, short_help="Do the failed jobs of a batch once more."
-)
+@click.command("retry", cls=GroupedCommand, short_help="Do the failed jobs of a batch once more.")
 @click.argument("out", type=FilePath())
 @click.option(
     "--reason",

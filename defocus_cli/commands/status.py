@@ -7,13 +7,12 @@ from pathlib import Path
 import click
 
 from defocus_cli import batch_report, options, report
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.option_types import FilePath
 from defocus_cli.progress import progress
 
 
-@click.command(
-    "status", cls=options.GroupedCommand, short_help="Say how far the batch in a directory is."
-)
+@click.command("status", cls=GroupedCommand, short_help="Say how far the batch in a directory is.")
 @click.argument("out", type=FilePath())
 @click.option(
     "--failures",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from defocus_cli import options, report, verify_table
+from defocus_cli.grouped import GroupedCommand
 from defocus_cli.job import Machine
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "verify",
-    cls=options.GroupedCommand,
+    cls=GroupedCommand,
     short_help="Measure whether the laws of the lens hold on this machine.",
 )
 @options.machine_options

@@ -1,0 +1,180 @@
+"""How much memory a process may take, and what of a picture is held in it.
+
+Half is for pictures: their arrays are held as they are read and made, as long as all those that
+wait, are computed or are written fit into that half. A picture that alone is larger is kept in
+scratch files, and the process has no other meanwhile. The rest is to compute in. All in MB.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+from defocus_cli import memory
+from defocus_cli.arrays import Keeping
+from defocus_cli.errors import InputError
+from defocus_cli.job import IMAGE_KINDS, RENDERED_KINDS, Job, Machine, Picture
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# Of what is available, what a process takes unless it is told.
+SHARE = 0.8
+# Of what it may take beyond that, what is for the arrays of pictures.
+_FOR_ARRAYS = 0.5
+# What strips take at most.
+_STRIPS_MB = 160.0
+_FLOAT = 4  # bytes
+_BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32": 4}
+
+
+@dataclass(frozen=True)
+class Holding:
+    """What a picture takes beside what is computed.
+
+    Attributes:
+        arrays_mb: its inputs and outputs.
+        whole_mb: files that can only be decoded at once.
+        scratch: whether its arrays lie in scratch files.
+        room_mb: what is left to compute in.
+    """
+
+    arrays_mb: float
+    whole_mb: float
+    scratch: bool
+    room_mb: float
+
+    @property
+    def keeping(self) -> Keeping:
+        """Where its arrays are kept."""
+        return Keeping(self.scratch)
+
+    @property
+    def held_mb(self) -> float:
+        """What is held in memory beside what is computed."""
+        return strips_mb(self.arrays_mb) + self.whole_mb if self.scratch else self.arrays_mb
+
+
+def holding(job: Job) -> Holding:
+    """What the picture of a job takes, from the headers of its files."""
+    arrays, whole = _sizes(job)
+    room = capacity_mb(job.machine)
+    scratch = arrays > _FOR_ARRAYS * room
+    left = room - (strips_mb(arrays) if scratch else _FOR_ARRAYS * room)
+    return Holding(arrays, whole, scratch, left)
+
+
+def strips_mb(arrays_mb: float) -> float:
+    """What strips of arrays take that are read, computed, or written."""
+    return min(_STRIPS_MB, 2 * arrays_mb)
+
+
+def enough_mb(needed_mb: float) -> float:
+    """A limit with which there is so much to compute in, wherever the arrays are kept."""
+    return base_mb() + max(_STRIPS_MB + needed_mb, needed_mb / (1 - _FOR_ARRAYS))
+
+
+def capacity_mb(machine: Machine) -> float:
+    """What the process may take beyond what it takes anyway."""
+    return max(limit_mb(machine) - base_mb(), 0.0)
+
+
+def limit_mb(machine: Machine) -> float:
+    """What the process may take."""
+    return _usual_limit_mb() if machine.memory is None else machine.memory / memory.MB
+
+
+@cache
+def _usual_limit_mb() -> float:
+    available = memory.available_mb()
+    return math.inf if available is None else SHARE * available + memory.held_mb()
+
+
+@cache
+def base_mb() -> float:
+    """What the process took when this was first asked for, which is before any picture."""
+    return memory.held_mb()
+
+
+def _sizes(job: Job) -> tuple[float, float]:
+    """MB of the arrays of a job, and of its files that can only be decoded at once."""
+    pixels, per_pixel, whole, channels = _inputs(job.picture)
+    kinds, half = job.outputs.kinds, _half(job)
+    if set(kinds) & set(RENDERED_KINDS):
+        if job.picture.hidden is not None:
+            _, behind, whole_behind, _ = _inputs(job.picture.hidden)
+            per_pixel, whole = per_pixel + behind + _FLOAT + 1, max(whole, whole_behind)
+        per_pixel += sum(kind in IMAGE_KINDS for kind in kinds) * channels * (2 if half else _FLOAT)
+        per_pixel += _FLOAT * ("trust" in kinds)
+    return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB
+
+
+def _inputs(picture: Picture) -> tuple[int, float, float, int]:
+    """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
+    from defocus_cli.exr_header import is_exr
+    from defocus_cli.files import read_head
+    from defocus_cli.images import describe
+
+    def told(path: Path) -> tuple[int, float, int, bool]:
+        info = describe(path)
+        kinds = [kind for part in info.parts for _, kind in part.channels]
+        return (
+            info.width * info.height,
+            sum(_BYTES.get(kind, _FLOAT) for kind in kinds),
+            len(kinds),
+            is_exr(read_head(path)),
+        )
+
+    try:
+        pixels, native, count, exr = told(picture.color)
+        _, depth_native, _, depth_exr = told(picture.depth)
+    except InputError:  # who decodes it says it better
+        return 0, 0.0, 0.0, 0
+    arrays = native if exr else _FLOAT * count
+    whole = max(0.0 if exr else native, 0.0 if depth_exr else depth_native)
+    return pixels, arrays + _FLOAT, whole, min(count, 4)
+
+
+def _half(job: Job) -> bool:
+    """Whether the images of a job need be kept in half only."""
+    outputs = job.outputs
+    return (outputs.format, outputs.exr_type, outputs.preview) == ("exr", "half", False)
+
+
+def image_type(job: Job) -> str:
+    """The type in which the images of a job are kept until they are written."""
+    return "float16" if _half(job) else "float32"
+
+
+class Gate:
+    """Lets pictures in as long as they fit beside each other, and one in any case."""
+
+    def __init__(self) -> None:
+        self._held: dict[int, float] = {}
+        self._opened = False
+        self._changed = threading.Condition()
+
+    def enter(self, number: int, job: Job) -> None:
+        """Wait until there is room for the picture of a job."""
+        half = _FOR_ARRAYS * capacity_mb(job.machine)
+        need = min(_sizes(job)[0], half)  # in scratch, it wants all to itself
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._opened or not self._held or sum(self._held.values()) + need <= half
+            )
+            self._held[number] = need
+
+    def open(self) -> None:
+        """Let nobody wait any longer."""
+        with self._changed:
+            self._opened = True
+            self._changed.notify_all()
+
+    def leave(self, number: int) -> None:
+        """The picture of a job is let go."""
+        with self._changed:
+            self._held.pop(number, None)
+            self._changed.notify_all()

@@ -1,0 +1,59 @@
+"""What the steps of a job hand on: what was decoded, what was computed, and what became of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.budget import Holding
+from defocus_cli.job import Job, Lens
+
+if TYPE_CHECKING:
+    from defocus_cli.depth import Depth
+    from defocus_cli.images import Color
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job."""
+
+    job: Job
+    lens: Lens  # with the focus distance that was found
+    size: tuple[int, int]  # width, height
+    coc_px: tuple[float, float]  # smallest and largest signed radius
+    depth_note: str
+    device: str
+    render_seconds: float = 0.0
+    render_cpu_seconds: float = 0.0
+    warnings: tuple[str, ...] = ()
+    stats: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A picture, decoded; and what lies behind it, where a job needs and has it."""
+
+    holding: Holding
+    color: Color
+    depth: Depth
+    behind: tuple[Color, Depth] | None = None
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a job computed.
+
+    Attributes:
+        outcome: how.
+        color: what it was made of, for the metadata and further channels to carry along.
+        radius: signed CoC radius in px, [H, W].
+        images: kind to C arrays [H, W] of linear pixels, and trust to one.
+        clamped: how many pixels of a kind were clamped to be half.
+    """
+
+    outcome: Outcome
+    color: Color
+    radius: Any
+    images: Mapping[str, tuple[Any, ...]]
+    clamped: Mapping[str, int]

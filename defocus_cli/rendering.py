@@ -1,0 +1,174 @@
+"""Renders a picture: from its arrays, wherever they are, to arrays of what was asked for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli import memory
+from defocus_cli.arrays import Windows, bands
+from defocus_cli.budget import image_type
+from defocus_cli.errors import TooLarge
+from defocus_cli.focusing import radius_map
+from defocus_cli.job import IMAGE_KINDS, Job
+from defocus_cli.made import Loaded, Made, Outcome
+
+if TYPE_CHECKING:
+    from defocus_core.hidden import Behind
+    from defocus_core.stream import Rendered, Stream
+
+Progress = Callable[[int, int], None]
+# Px on a side of the least tiles that are tried where memory of a GPU runs out.
+_LEAST_TILE = 32
+
+
+def rendered(
+    loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None = None
+) -> Made:
+    """All images that a job asks for.
+
+    Args:
+        loaded: its picture.
+        radius: signed CoC radius in px, [H, W].
+        outcome: the job, and what is known of it so far.
+        progress: called with (tiles done, tiles in all).
+
+    Raises:
+        TooLarge: it does not fit into memory.
+    """
+    import torch
+
+    from defocus_cli.forecast import regions_at_once
+    from defocus_core.tiling import TILE
+
+    job, device = outcome.job, outcome.device
+    # Threads work on tiles; torch's own threads inside each would only wait for one another.
+    torch.set_num_threads(1)
+    image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
+    at_once = regions_at_once(outcome, image, signed, loaded.holding.room_mb)
+    if at_once is not None:  # memory is short
+        memory.trim()
+    behind = _behind(loaded, outcome) if loaded.behind is not None else None
+    images = _Images(job, loaded)
+    warnings: list[str] = []
+    wall, cpu = time.perf_counter(), time.process_time()
+    tile = job.machine.tile
+    while True:
+        images.clamped.clear()
+        try:
+            stream = _stream(outcome, image, signed, behind, tile, progress)
+            for part in stream.regions(at_once):
+                images.take(part)
+            break
+        except torch.OutOfMemoryError:
+            if at_once != 1:
+                at_once = 1
+                continue
+            tile = (tile or TILE) // 2
+            if tile < _LEAST_TILE:
+                problem = "does not fit into the memory of the GPU"
+                raise TooLarge(job.picture.color, problem, "use --device cpu") from None
+            warnings = [
+                f"the GPU ran out of memory: rendered in tiles of {tile} px instead, which may "
+                "change the last digits"
+            ]
+            torch.cuda.empty_cache()
+    if device == "cuda":
+        torch.cuda.synchronize()
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
+    done = replace(
+        outcome,
+        render_seconds=wall,
+        render_cpu_seconds=cpu,
+        stats={**stream.stats, **scratch},
+        warnings=tuple(warnings),
+    )
+    return Made(done, loaded.color, radius, images.planes, images.clamped)
+
+
+def _stream(
+    outcome: Outcome,
+    image: Windows,
+    signed: Windows,
+    behind: Behind | None,
+    tile: int | None,
+    progress: Progress | None,
+) -> Stream:
+    from defocus_core import Aperture
+    from defocus_core.stream import Stream
+
+    job, lens = outcome.job, outcome.lens
+    return Stream(
+        image,
+        signed,
+        aperture=Aperture(lens.blades, lens.blade_rotation),
+        quality=job.machine.quality,
+        left_right=bool({"left", "right"} & set(job.outputs.kinds)),
+        hidden=behind,
+        threads=job.machine.threads,
+        tile=tile,
+        progress=progress,
+    )
+
+
+class _Images:
+    """The images of a job while they are being made.
+
+    Attributes:
+        planes: kind to C arrays [H, W], trust to one.
+        clamped: how many pixels of a kind were clamped to be half.
+    """
+
+    def __init__(self, job: Job, loaded: Loaded) -> None:
+        height, width, channels = loaded.color.shape
+        self.planes: dict[str, tuple[Any, ...]] = {}
+        self.clamped: dict[str, int] = {}
+        for kind in (*IMAGE_KINDS, "trust"):
+            if kind not in job.outputs.kinds:
+                continue
+            count, dtype = (1, "float32") if kind == "trust" else (channels, image_type(job))
+            self.planes[kind] = tuple(
+                loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
+            )
+
+    def take(self, part: Rendered) -> None:
+        """Put a region where it belongs."""
+        import numpy as np
+
+        from defocus_cli.exr import clamped_half
+
+        top, left, height, width = part.box
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        for kind, planes in self.planes.items():
+            pixels = getattr(part, kind).cpu().numpy().reshape(len(planes), height, width)
+            if planes[0].dtype == np.float16:
+                pixels, beyond = clamped_half(pixels)
+                count = int(np.count_nonzero(beyond.any(axis=0)))
+                self.clamped[kind] = self.clamped.get(kind, 0) + count
+            for plane, values in zip(planes, pixels, strict=True):
+                plane[rows, columns] = values
+
+
+def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
+    """What is known to lie behind: where depth is inf and colour 0, nothing is."""
+    import numpy as np
+
+    from defocus_core.hidden import Behind
+
+    assert loaded.behind is not None
+    color, depth = loaded.behind
+    keeping = loaded.holding.keeping
+    radius, _ = radius_map(outcome.lens, depth.metres, keeping)
+    known = keeping.new(depth.metres.shape, np.bool_)
+    for rows in bands(depth.metres.shape):
+        lit = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
+        known[rows] = np.isfinite(depth.metres[rows]) | lit
+    device = outcome.device
+    return Behind(
+        Windows(color.planes, device),
+        Windows([radius], device, lone=True),
+        Windows([known], device, lone=True),
+    )

@@ -1,0 +1,79 @@
+"""The value of a rank among many that are seen a part at a time, to the last bit.
+
+The bits of numbers that are not negative order like the numbers. So the first 16 of all of them
+are counted, then the next 16 of those that have the right first ones: each time the numbers are
+gone through once, and none is kept (radix selection). Negative numbers count as 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+_BITS = 16
+
+
+def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
+    """How many numbers have which next 16 bits, of those whose first ones are known: [2^16].
+
+    Args:
+        values: Any shape.
+        prefix: The first bits.
+        level: How many times 16 they are.
+    """
+    whole = values.dtype.itemsize * 8
+    bits = (values.clamp(min=0) + 0.0).view(torch.int64 if whole == 64 else torch.int32).flatten()
+    if level:
+        bits = bits[bits >> (whole - _BITS * level) == prefix]
+    digits = bits >> (whole - _BITS * (level + 1)) & ((1 << _BITS) - 1)
+    return torch.bincount(digits, minlength=1 << _BITS)
+
+
+@dataclass(frozen=True)
+class Ranks:
+    """Numbers, of which any rank can be had.
+
+    Attributes:
+        counts: Of their first 16 bits, as `counted` has them: [2^16].
+        again: Goes through all of them once more.
+        dtype: Of the numbers, of 32 or 64 bits.
+    """
+
+    counts: Tensor
+    again: Callable[[], Iterable[Tensor]]
+    dtype: torch.dtype
+
+    @property
+    def total(self) -> int:
+        """How many there are."""
+        return int(self.counts.sum())
+
+    def about(self, rank: int) -> tuple[float, float]:
+        """Two numbers between which the one of a rank lies, counted from 1 upwards."""
+        digit, _ = _found(self.counts, rank)
+        shift = self.dtype.itemsize * 8 - _BITS
+        return self._number(digit << shift), self._number(((digit + 1) << shift) - 1)
+
+    def exactly(self, rank: int) -> float:
+        """The number of a rank, counted from 1 upwards."""
+        prefix, rest = _found(self.counts, rank)
+        for level in range(1, self.dtype.itemsize * 8 // _BITS):
+            counts = sum(counted(values, prefix, level) for values in self.again())
+            assert isinstance(counts, Tensor)
+            digit, rest = _found(counts, rest)
+            prefix = prefix << _BITS | digit
+        return self._number(prefix)
+
+    def _number(self, bits: int) -> float:
+        kind = torch.int64 if self.dtype.itemsize == 8 else torch.int32
+        return float(torch.tensor(bits, dtype=kind).view(self.dtype))
+
+
+def _found(counts: Tensor, rank: int) -> tuple[int, int]:
+    """In which bin a rank lies, and which rank it has there."""
+    summed = counts.cumsum(0)
+    digit = int(torch.searchsorted(summed, rank))
+    return digit, rank - int(summed[digit] - counts[digit])

@@ -1,0 +1,127 @@
+"""A picture that is too large to be held: read through windows, handed out region by region.
+
+What comes out is, to the last bit, what `render` makes of the same picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from defocus_core.aperture import Aperture
+from defocus_core.assembly import finished, total
+from defocus_core.frame import Frame, frame_of
+from defocus_core.hidden import Behind
+from defocus_core.quality import find
+from defocus_core.source import Pixels
+from defocus_core.tiling import Box
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A region of the picture.
+
+    Attributes:
+        box: Where in the frame it is.
+        render: [C, h, w], in float32 at least.
+        left: The same through the lens half u.x < 0, None if not asked for.
+        right: The same through the other half.
+        trust: [h, w], see `Rendering`.
+    """
+
+    box: Box
+    render: Tensor
+    left: Tensor | None
+    right: Tensor | None
+    trust: Tensor
+
+
+class Stream:
+    """The regions of a picture, in rows from the top, each from left to right; goes once.
+
+    Attributes:
+        frame: What holds for the whole picture.
+    """
+
+    def __init__(
+        self,
+        image: Pixels,
+        signed_radius: Pixels,
+        *,
+        aperture: Aperture | None = None,
+        quality: str = "standard",
+        left_right: bool = False,
+        hidden: Behind | None = None,
+        threads: int = 1,
+        tile: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> None:
+        """Look at the picture as a whole.
+
+        Args:
+            image: [C, H, W], linear light, premultiplied if it has alpha; a tensor or a `Source`.
+            signed_radius: [H, W] px, negative nearer than focus, the same.
+            aperture: As for `render`.
+            quality: As for `render`.
+            left_right: As for `render`.
+            hidden: What is known behind the visible surface.
+            threads: As for `render`.
+            tile: As for `render`.
+            progress: As for `render`.
+
+        Raises:
+            ValueError: If shapes do not match, or a number is not finite.
+        """
+        sizes = tuple(image.shape[-2:]), tuple(signed_radius.shape)
+        if len(image.shape) != 3 or sizes[0] != sizes[1]:
+            raise ValueError(
+                f"image must be [C, H, W] and signed_radius [H, W], got {tuple(image.shape)} "
+                f"and {sizes[1]}"
+            )
+        self._image, self._radius, self._hidden = image, signed_radius, hidden
+        self._threads, self._progress = threads, progress
+        self._counts: list[dict[str, int]] = []
+        with torch.no_grad():
+            self.frame: Frame = frame_of(
+                image,
+                signed_radius,
+                aperture=aperture or Aperture(),
+                quality=find(quality),
+                left_right=left_right,
+                num_layers=None,
+                psf_ks=None,
+                hidden=hidden,
+                threads=threads,
+                tile=tile,
+            )
+
+    def regions(self, at_once: int | None = None) -> Iterator[Rendered]:
+        """Compute them.
+
+        Args:
+            at_once: How many at once at most: bounds memory. None for as many as threads.
+        """
+        dtype = torch.promote_types(self._image.dtype, torch.float32)
+        with torch.no_grad():
+            parts = finished(
+                self.frame,
+                self._image,
+                self._radius,
+                hidden=self._hidden,
+                threads=self._threads,
+                at_once=at_once,
+                progress=self._progress,
+            )
+            for part in parts:
+                self._counts.append(part.counts)
+                centre, *pair = part.images.to(dtype)
+                left, right = pair or (None, None)
+                yield Rendered(part.box, centre, left, right, part.trust[0, 0].to(dtype))
+
+    @property
+    def stats(self) -> dict[str, int]:
+        """Counts of what was computed and what was skipped, of the regions that are done."""
+        return total(self.frame, self._counts)

@@ -1,0 +1,122 @@
+"""A picture that is read through windows and handed out in regions is the picture."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core.hidden import Behind, HiddenLayer
+from defocus_core.planning import plan
+from defocus_core.render import Rendering, render
+from defocus_core.scenery import scenery
+from defocus_core.stream import Stream
+from defocus_core.tiling import TILE
+
+KINDS = ("render", "left", "right")
+
+
+@dataclass
+class Windows:
+    """A source that remembers how much of it was looked at at once."""
+
+    whole: Tensor
+    largest: int = 0
+    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(self.whole.shape)
+
+    @property
+    def dtype(self) -> torch.dtype:
+        return self.whole.dtype
+
+    def __getitem__(self, window: Any) -> Tensor:
+        found = self.whole[window].clone()
+        self.largest = max(self.largest, found[..., :, :].shape[-2])
+        return found
+
+
+def put_together(stream: Stream, at_once: int | None = None) -> dict[str, Tensor]:
+    (H, W), found = stream.frame.size, {}
+    for part in stream.regions(at_once):
+        for kind in (*KINDS, "trust"):
+            pixels = getattr(part, kind)
+            if pixels is not None:
+                whole = found.setdefault(kind, torch.full((*pixels.shape[:-2], H, W), torch.nan))
+                part.box.of(whole).copy_(pixels)
+    return found
+
+
+def same(found: dict[str, Tensor], rendering: Rendering) -> bool:
+    return all(torch.equal(found[kind], getattr(rendering, kind).squeeze(0)) for kind in found)
+
+
+@pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
+@pytest.mark.parametrize(("threads", "at_once"), [(1, None), (3, 1), (2, 2)])
+def test_a_stream_is_the_rendering(kind: str, threads: int, at_once: int | None) -> None:
+    image, radius = scenery(kind, 700, 660, 6.0)
+    whole = render(image, radius, left_right=True)
+    pixels, radii = Windows(image), Windows(radius)
+    stream = Stream(pixels, radii, left_right=True, threads=threads)
+    found = put_together(stream, at_once)
+    assert found.keys() == {*KINDS, "trust"}
+    assert same(found, whole)
+    assert stream.stats == whole.stats
+
+
+def test_no_window_is_as_high_as_a_high_frame() -> None:
+    image, radius = scenery("most", 2048, 40, 3.0)
+    pixels, radii = Windows(image), Windows(radius)
+    found = put_together(Stream(pixels, radii))
+    assert same(found, render(image, radius))
+    assert max(pixels.largest, radii.largest) < 1000
+
+
+def test_half_colour_is_rendered_as_the_same_colour_in_float() -> None:
+    image, radius = scenery("most", 200, 300, 5.0)
+    found = put_together(Stream(image.half(), radius))
+    assert found["render"].dtype == torch.float32
+    assert same(found, render(image.half().float(), radius))
+
+
+def test_what_is_known_behind_is_read_through_windows_too() -> None:
+    image, radius = scenery("cards", 200, 260, 8.0)
+    known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
+    whole = render(image, radius, hidden=known)
+    assert not torch.equal(whole.render, render(image, radius).render)
+    stream = Stream(image, radius, hidden=Behind(*map(Windows, known)))
+    assert same(put_together(stream), whole)
+
+
+def test_a_plan_needs_no_more_than_windows() -> None:
+    image, radius = scenery("lights", 1100, 900, 6.0)
+    assert plan(Windows(radius), image=Windows(image)) == plan(radius, image=image)
+
+
+@pytest.mark.parametrize("kind", ["most", "lights", "floor"])
+@pytest.mark.parametrize("tile", [48, 80, 256])
+def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: int) -> None:
+    image, radius = scenery(kind, 300, 350, 8.0)
+    usual = render(image, radius, left_right=True)
+    other = render(image, radius, left_right=True, tile=tile)
+    assert other.stats["tiles"] != usual.stats["tiles"]
+    for name in KINDS:
+        a, b = getattr(usual, name), getattr(other, name)
+        most = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
+        limit = 2e-6 if name == "render" else 4e-6  # of halves: each rests on half of the light
+        assert float(((a - b).abs() / most.clamp(min=1e-3)).max()) < limit, name
+    assert torch.equal(render(image, radius, tile=TILE).render, usual.render)
+
+
+def test_a_tile_has_a_least_side() -> None:
+    image, radius = scenery("floor", 32, 32, 2.0)
+    with pytest.raises(ValueError, match="tile must be at least 16, got 15"):
+        render(image, radius, tile=15)
+
+
+def test_shapes_of_a_stream_must_match() -> None:
+    with pytest.raises(ValueError, match=r"image must be \[C, H, W\]"):
+        Stream(torch.zeros(3, 8, 8), torch.zeros(8, 9))
