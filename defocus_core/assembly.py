@@ -14,7 +14,7 @@ from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
 from defocus_core.ramps import WithoutRamps
 from defocus_core.recomputed import recomputed
-from defocus_core.region import Region
+from defocus_core.region import Region, counts_of_copy, in_focus
 from defocus_core.source import Pixels
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box, Grid, regions
@@ -57,27 +57,43 @@ def finished(
         at_once: Regions computed at once at most: bounds memory. None for as many as threads.
         progress: As for `render`.
     """
-    beyond = None
+    beyond, given = None, signed_radius
     if frame.edges:
         signed_radius = WithoutRamps(signed_radius)
         beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads, frame.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
+    wanted = isinstance(given, Tensor) and given.requires_grad  # a copy has no slope
     done = count(1)
 
+    def told(count: int) -> None:
+        for _ in range(count):
+            number = next(done)
+            if progress and number <= len(frame.grid.tiles):  # not when it is computed again
+                progress(number, len(frame.grid.tiles))
+
     def computed(grid: Grid) -> Finished:
+        if not wanted and in_focus(frame, grid.box, given):
+            told(len(grid.tiles))
+            return _copied(frame, grid, pixels)
         region = Region(frame, grid, pixels, signed_radius, hidden, beyond)
         tiles = []
         for tile in threaded(recomputed(region.tile), range(len(grid.tiles)), threads // at_once):
             tiles.append(tile)
-            number = next(done)
-            if progress and number <= len(frame.grid.tiles):  # not when it is computed again
-                progress(number, len(frame.grid.tiles))
+            told(1)
         of_rows = [tiles[i : i + grid.columns] for i in range(0, len(tiles), grid.columns)]
         images, trust = (_joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
         return Finished(grid.box, images, trust, region.counts())
 
     return threaded(recomputed(computed), grids, at_once)
+
+
+def _copied(frame: Frame, grid: Grid, pixels: Pixels) -> Finished:
+    """A region that is as it was."""
+    image = grid.box.of(pixels).to(frame.dtype)
+    images = image.expand(3 if frame.left_right else 1, *image.shape)
+    trust = image.new_ones(1, 1, *image.shape[1:])
+    return Finished(grid.box, images, trust, counts_of_copy(frame, grid))
 
 
 def assembled(

@@ -11,7 +11,7 @@ from defocus_core.convolution import reach
 from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
-from defocus_core.slicing import evenly, layers, rungs
+from defocus_core.slicing import SHARP, evenly, layers, rungs
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey
 from defocus_core.tiling import Box, Grid, grid_over, largest, regions
@@ -49,6 +49,7 @@ class Frame:
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
+        sharp: Radius in px up to which pixels are in focus; None where slices were asked for.
         ends: Least and greatest signed radius in px of what is visible.
     """
 
@@ -72,6 +73,7 @@ class Frame:
     edges: bool
     tilted: bool
     margin: int
+    sharp: float | None
     ends: tuple[float, float]
 
     @property
@@ -159,6 +161,7 @@ def frame_of(
         edges=edges,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
+        sharp=None if num_layers else SHARP,
         ends=(seen.least, seen.most),
     )
 

@@ -20,6 +20,7 @@ from defocus_core.frame import Frame, frame_of
 from defocus_core.highlights import reached_by
 from defocus_core.presence import Presence
 from defocus_core.quality import find
+from defocus_core.region import in_focus
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.tiling import Grid, regions
 from defocus_core.windows import Window
@@ -100,7 +101,14 @@ def plan(
         tile=tile,
     )
     scene = Presence(frame, signed_radius)
-    grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    grids = [grid for grid in every if not in_focus(frame, grid.box, signed_radius)]
+    blurred = {tile for grid in grids for tile in grid.tiles}
+    for plans in (scene.visible, scene.tilted, scene.hidden):
+        plans[:] = [
+            some if tile in blurred else []
+            for tile, some in zip(frame.grid.tiles, plans, strict=True)
+        ]
     work = _Work(scene, grids)
     around = [
         _area(grid, frame.margin, frame) + _area(grid, frame.farthest, frame) for grid in grids
@@ -127,8 +135,8 @@ def plan(
     held = {
         "backdrop": pixels * (1 + (channels + 2) * size / 16) if frame.edges else 0.0,
         "spectra": work.spectra * parts * 2 * size,
-        "region": 4 * max(around) * samples * (1 + bool(discs)),
-        "result": max(_area(grid, 0, frame) for grid in grids)
+        "region": 4 * max(around, default=0.0) * samples * (1 + bool(discs)),
+        "result": max(_area(grid, 0, frame) for grid in every)
         * (channels * (3 if left_right else 1) + 1)
         * size,
         "tile": 4 * work.widest * samples,
@@ -136,7 +144,7 @@ def plan(
     return Plan(
         slices=len(frame.radii),
         tiles=len(frame.grid.tiles),
-        regions=len(grids),
+        regions=len(every),
         slice_tiles=2 * len(frame.radii) * len(frame.grid.tiles),
         slice_tiles_done=sum(map(len, [*scene.visible, *scene.hidden])),
         tiles_with_hidden=sum(1 for some in scene.hidden if some),

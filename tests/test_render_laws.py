@@ -224,3 +224,28 @@ def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
     fine = render(image, radius, aperture=triangle, quality="standard").render
     seen = render(image, radius, aperture=triangle, quality=quality).render
     assert worst(inner(seen, 12), inner(fine, 12)) < 5e-3  # other rungs
+
+
+@pytest.mark.parametrize("edges", [False, True])
+def test_what_is_in_focus_is_copied_wherever_it_is(edges: bool) -> None:
+    """Region by region, to the last bit, also beside a blurred part and in every output."""
+    image = torch.rand(3, 300, 1500, generator=torch.Generator().manual_seed(8))
+    radius = torch.full((300, 1500), 0.2)
+    radius[:, :500] = torch.linspace(5.0, 0.2, 500)
+    if edges:
+        radius[:, :300] = -6.0
+    with torch.no_grad():
+        seen = render(image, radius, left_right=True)
+    for picture in (seen.render, seen.left, seen.right):
+        assert picture is not None
+        assert torch.equal(picture[..., 900:], image[..., 900:])
+    assert (seen.trust[..., 900:] == 1).all()
+    assert 0 < seen.stats["pixels_copied"] < image[0].numel()
+    assert worst(render(image, radius.requires_grad_()).render.detach(), seen.render) < 2e-6
+
+
+def test_pixels_count_as_blurred_where_slices_were_asked_for() -> None:
+    image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 0.2)
+    with torch.no_grad():
+        assert torch.equal(render(image, radius).render, image)
+        assert render(image, radius, num_layers=3).stats["pixels"] == 2000
