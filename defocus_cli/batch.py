@@ -186,7 +186,7 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
         "inputs": inputs,
         "outputs": outputs,
         **{key: result[key] for key in copied},
-        "quality": job.machine.quality,
+        "quality": result["quality"] or job.machine.quality,
         "version": identity.core_version(),
         "finished": _now(),
     }

@@ -168,7 +168,8 @@ def computed_by(jobs: list[Job], machine: Machine) -> list[Job]:
     """The jobs, done by a machine; their quality stays, and their tiles unless it has its own."""
 
     def adapted(own: Machine) -> Machine:
-        return replace(machine, quality=own.quality, tile=machine.tile or own.tile)
+        tile = machine.tile or own.tile
+        return replace(machine, quality=own.quality, tolerance=own.tolerance, tile=tile)
 
     return [replace(job, machine=adapted(job.machine)) for job in jobs]
 

@@ -201,7 +201,7 @@ def _attributes(outcome: Outcome, kind: str) -> dict[str, str]:
         "blades": str(lens.blades),
         "blade_rotation": f"{lens.blade_rotation:.9g}deg",
         "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
-        "quality": job.machine.quality,
+        "quality": outcome.quality,
         "device": outcome.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}

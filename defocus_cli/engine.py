@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from defocus_cli.accuracy import quality_of
 from defocus_cli.arrays import IN_MEMORY, Keeping
 from defocus_cli.budget import base_mb, capacity_mb, holding
 from defocus_cli.errors import InputError, TooLarge, UsageProblem
@@ -74,6 +75,7 @@ def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | Non
         coc_px=ends,
         depth_note=loaded.depth.note,
         device=device,
+        quality=quality_of(job.machine, ends),
     )
     if not set(job.outputs.kinds) & set(RENDERED_KINDS):
         return Made(outcome, loaded.color, radius, {}, {})

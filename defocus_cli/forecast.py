@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
+from defocus_cli.accuracy import quality_of
 from defocus_cli.arrays import Windows, scratch_folder
 from defocus_cli.budget import base_mb, enough_mb
 from defocus_cli.calibration import Calibration, calibrated, kept, usual
@@ -26,9 +27,9 @@ MOST_READ = 16
 # What might help a frame that is too large, in the order in which it costs least.
 _REMEDIES = (
     ("--threads 1", {"threads": 1}),
-    ("--quality standard", {"quality": "standard"}),
-    ("--quality draft", {"quality": "draft"}),
-    ("--quality draft --threads 1", {"quality": "draft", "threads": 1}),
+    ("--quality standard", {"quality": "standard", "tolerance": None}),
+    ("--quality draft", {"quality": "draft", "tolerance": None}),
+    ("--quality draft --threads 1", {"quality": "draft", "tolerance": None, "threads": 1}),
 )
 _FLOAT = 4  # bytes
 
@@ -112,7 +113,7 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
     planned, seconds, peak = None, 0.0, base + (held.held_mb if device == "cpu" else 0.0)
     if calibration is not None and _renders(job):
         image, signed = Windows(loaded.color.planes, "cpu"), Windows([radius], "cpu", lone=True)
-        planned = _planned(job, lens, image, signed)
+        planned = _planned(job, lens, image, signed, reach)
         seconds = calibration.predicted_seconds(planned)
         at_once = _fitting(job, calibration, planned, _room_mb(held.room_mb, device))
         peak += calibration.predicted_mb(planned, at_once or 1)
@@ -120,7 +121,9 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
     return Forecast(job, (width, height), reach, read_seconds, planned, seconds, peak, scratch)
 
 
-def _planned(job: Job, lens: Lens, image: Pixels, signed_radius: Pixels) -> Plan:
+def _planned(
+    job: Job, lens: Lens, image: Pixels, signed_radius: Pixels, coc_px: tuple[float, float]
+) -> Plan:
     """The work on a picture [C, H, W] whose pixels have the given radii [H, W] px."""
     from defocus_core import Aperture
     from defocus_core.planning import plan
@@ -129,7 +132,7 @@ def _planned(job: Job, lens: Lens, image: Pixels, signed_radius: Pixels) -> Plan
         signed_radius,
         image=image,
         aperture=Aperture(lens.blades, lens.blade_rotation),
-        quality=job.machine.quality,
+        quality=quality_of(job.machine, coc_px),
         left_right=bool({"left", "right"} & set(job.outputs.kinds)),
         tile=job.machine.tile,
     )
@@ -158,7 +161,7 @@ def regions_at_once(
     def needed(changed: Job) -> tuple[Calibration, Plan]:
         count = changed.machine.threads
         calibration = kept(device, count) or usual(count)
-        return calibration, _planned(changed, outcome.lens, image, signed_radius)
+        return calibration, _planned(changed, outcome.lens, image, signed_radius, outcome.coc_px)
 
     calibration, planned = needed(job)
     if (found := _fitting(job, calibration, planned, room)) is not None:

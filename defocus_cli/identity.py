@@ -50,6 +50,7 @@ def settings(job: Job) -> dict[str, Any]:
         "reading": _plain(job.reading),
         "outputs": outputs,
         "quality": job.machine.quality,
+        **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
         **({} if job.machine.tile is None else {"tile": job.machine.tile}),
     }
 

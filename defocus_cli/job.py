@@ -89,12 +89,13 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute: what the pictures look like depends on ``quality``.
+    """How to compute: what the pictures look like depends on ``quality`` or ``tolerance``.
 
     Their last digits depend on ``tile`` too, and on nothing else here.
     """
 
     quality: str = "standard"
+    tolerance: float | None = None  # px of CoC radius, instead of a quality
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available

@@ -9,7 +9,7 @@ A TOML file with the tables
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-unit, depth-channel, color-layer, part
   [outputs]   kinds, format, exr-type, preview
-  [machine]   quality
+  [machine]   quality, or tolerance, like "1px"
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
 not.
@@ -28,6 +28,7 @@ from defocus_cli.job import KINDS, SUFFIXES, Job, Machine, Outputs, Reading
 from defocus_cli.lens_plan import read_plan
 from defocus_cli.option_types import FORMAT_ALIASES
 from defocus_cli.options import DEPTH_UNITS, QUALITIES
+from defocus_cli.quantities import pixel_count
 from defocus_cli.toml_file import Table, read_toml, table
 
 TABLES = ("inputs", "lens", "sweep", "sample", "reading", "outputs", "machine")
@@ -112,8 +113,15 @@ def _kinds(found: Table) -> tuple[str, ...] | None:
 
 
 def _machine(found: Table, machine: Machine) -> Machine:
-    found.refuse_unknown(("quality",))
-    return dataclasses.replace(machine, **_told({"quality": found.choice("quality", QUALITIES)}))
+    found.refuse_unknown(("quality", "tolerance"))
+    told = {
+        "quality": found.choice("quality", QUALITIES),
+        "tolerance": found.parsed("tolerance", pixel_count),
+    }
+    if None not in told.values():
+        remedy = "keep one of them"
+        raise UsageProblem(found.place("tolerance"), "stands beside quality", remedy)
+    return dataclasses.replace(machine, **_told(told))
 
 
 def _told(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -24,6 +24,7 @@ class Outcome:
     coc_px: tuple[float, float]  # smallest and largest signed radius
     depth_note: str
     device: str
+    quality: str
     render_seconds: float = 0.0
     render_cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()

@@ -13,12 +13,13 @@ from typing import Any
 
 import click
 
+from defocus_cli.errors import UsageProblem
 from defocus_cli.grouped import GroupedOption
 from defocus_cli.job import KINDS, Lens, Machine, Outputs, Reading
 from defocus_cli.lens_file import make_lens
 from defocus_cli.lens_options import PARSERS
 from defocus_cli.option_types import FilePath, Format, Kinds, Quantity
-from defocus_cli.quantities import byte_count
+from defocus_cli.quantities import byte_count, pixel_count
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -140,35 +141,50 @@ def output_options(command: Command) -> Command:
 
 def machine_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute."""
-    option = functools.partial(_option, "Machine")
-    return _bundle(
-        "machine",
-        Machine,
-        [
-            option(
-                "--quality",
-                type=click.Choice(QUALITIES),
-                default="standard",
-                show_default=True,
-                help="Accuracy, bought with time.",
-            ),
-            option(
-                "--device",
-                type=click.Choice(DEVICES),
-                default="auto",
-                show_default=True,
-                help="Where to compute; auto takes a GPU if there is one.",
-            ),
-            option(
-                "--threads",
-                type=click.IntRange(min=1),
-                default=cores,
-                metavar="N",
-                help="Threads to compute with.  [default: one for each core]",
-            ),
-            *memory_options(),
-        ],
-    )(command)
+    return _bundle("machine", _machine, _computing())(command)
+
+
+def rendering_options(command: Command) -> Command:
+    """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
+    quality, *others = _computing()
+    tolerance = machine_option(
+        "--tolerance",
+        type=Quantity(pixel_count, "PX"),
+        metavar="PX",
+        help="Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
+        "radius, like 1px.",
+    )
+    return _bundle("machine", _machine, [quality, tolerance, *others, *memory_options()])(command)
+
+
+def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
+    if quality is not None and tolerance is not None:
+        raise UsageProblem("--tolerance", "stands beside --quality", "keep one of them")
+    return Machine(quality=quality or Machine.quality, tolerance=tolerance, **others)
+
+
+def _computing() -> list[Decorator]:
+    return [
+        machine_option(
+            "--quality",
+            type=click.Choice(QUALITIES),
+            help=f"Accuracy, bought with time.  [default: {Machine.quality}]",
+        ),
+        machine_option(
+            "--device",
+            type=click.Choice(DEVICES),
+            default="auto",
+            show_default=True,
+            help="Where to compute; auto takes a GPU if there is one.",
+        ),
+        machine_option(
+            "--threads",
+            type=click.IntRange(min=1),
+            default=cores,
+            metavar="N",
+            help="Threads to compute with.  [default: one for each core]",
+        ),
+    ]
 
 
 def memory_options() -> list[Decorator]:

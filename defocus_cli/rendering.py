@@ -105,7 +105,7 @@ def _stream(
         image,
         signed,
         aperture=Aperture(lens.blades, lens.blade_rotation),
-        quality=job.machine.quality,
+        quality=outcome.quality,
         left_right=bool({"left", "right"} & set(job.outputs.kinds)),
         hidden=behind,
         threads=job.machine.threads,

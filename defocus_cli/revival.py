@@ -40,7 +40,11 @@ def revived(record: Record, out: Path) -> Job:
             typed(Lens, asked["lens"]),
             typed(Reading, asked["reading"]),
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
-            Machine(quality=asked["quality"], tile=asked.get("tile")),
+            Machine(
+                quality=asked["quality"],
+                tolerance=asked.get("tolerance"),
+                tile=asked.get("tile"),
+            ),
             asked["suffix"],
         )
     except (KeyError, ValueError) as error:

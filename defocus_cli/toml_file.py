@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from defocus_cli.errors import InputError, UsageProblem, did_you_mean, reason
+from defocus_cli.quantities import QuantityError
 
+T = TypeVar("T")
 LARGEST_FILE = 2**20  # bytes
 
 
@@ -64,6 +66,16 @@ class Table:
         if not isinstance(value, str) or not value or "\0" in value:
             raise UsageProblem(self.place(key), f"{value!r} is not a text", "write it in quotes")
         return value
+
+    def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
+        """A quantity, or None."""
+        value = self.text(key)
+        if value is None:
+            return None
+        try:
+            return parse(value)
+        except QuantityError as error:
+            raise UsageProblem(self.place(key), error.problem, error.remedy) from None
 
     def choice(self, key: str, known: Sequence[str]) -> str | None:
         """One of the ``known`` words, or None."""

@@ -1,9 +1,9 @@
 """Does jobs, and tells what became of each as a plain dictionary, small enough to be sent.
 
 A result has status, reason, message, inputs, outputs, lens, size, coc_px, depth_note, device,
-warnings and seconds as a record of the journal has them, paths aside: outputs are relative to the
-root, inputs have none. ``stats`` are those of the renderer. Where something was raised, ``trace``
-is its traceback if it was a fault, and ``error`` itself is there, for this process alone.
+quality, warnings and seconds as a record of the journal has them, paths aside: outputs are relative
+to the root, inputs have none. ``stats`` are those of the renderer. Where something was raised,
+``trace`` is its traceback if it was a fault, and ``error`` itself is there, for this process alone.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
-NOTHING = {"lens": None, "size": None, "coc_px": None, "depth_note": None, "device": None}
+NOTHING = dict.fromkeys(("lens", "size", "coc_px", "depth_note", "device", "quality"))
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,7 @@ def write(computed: Computed) -> Result:
         "coc_px": list(outcome.coc_px),
         "depth_note": outcome.depth_note,
         "device": outcome.device,
+        "quality": outcome.quality,
         "warnings": list(outcome.warnings),
         "seconds": {
             "read": round(computed.ready.seconds, 4),

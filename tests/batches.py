@@ -96,6 +96,7 @@ def _pretended(job: Job, out: Path) -> dict[str, Any]:
         "coc_px": [0.0, 1.0],
         "depth_note": "",
         "device": "cpu",
+        "quality": "standard",
         "warnings": [],
         "seconds": {"read": 0.0, "render": 0.0, "write": 0.0, "cpu": 0.0},
         "stats": {},

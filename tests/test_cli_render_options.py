@@ -27,7 +27,7 @@ from image_files import multi_part
 
 from defocus_cli.commands.render import command
 from defocus_cli.raster import read_raster
-from defocus_core import stream
+from defocus_core import QUALITIES, stream
 
 SIZE = 64
 ASKED = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
@@ -192,6 +192,39 @@ def test_more_quality_is_another_picture(tmp_path: Path) -> None:
         assert render(*files, "-o", out, *wide).code == 0
         pictures.append(read_exr(out / "render" / "a.exr")["G"])
     assert np.abs(pictures[0] - pictures[1]).max() > 1e-3
+
+
+def test_tolerance_takes_the_cheapest_quality_within(tmp_path: Path) -> None:
+    """As the journal, the file and a picture rendered at that quality say; by the picture's CoC."""
+    color, depth = pair(tmp_path)
+    strong = ("--fnumber", "0.2", "--sensor-width", "9mm")
+    found = {}
+    for told, lens in (("3px", strong), ("0.4px", strong), ("0.4px", ())):
+        out = tmp_path / f"out{len(found)}"
+        ran = render(color, depth, "-o", out, *lens, "--tolerance", told, "--json")
+        quality = ran.json["pictures"][0]["quality"]
+        assert quality in QUALITIES
+        assert header(out / "render" / "a.exr")["defocus:quality"] == quality
+        render(color, depth, "-o", tmp_path / f"named{len(found)}", *lens, "--quality", quality)
+        named = tmp_path / f"named{len(found)}" / "render" / "a.exr"
+        assert named.read_bytes() == (out / "render" / "a.exr").read_bytes()
+        found[told, lens] = QUALITIES.index(quality)
+    assert found["3px", strong] < found["0.4px", strong]
+    assert found["0.4px", ()] < found["0.4px", strong]
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "told"),
+    [
+        (("--tolerance", "1px", "--quality", "draft"), 2, "stands beside --quality; keep one"),
+        (("--tolerance", "0.01px"), 2, "--tolerance: must be at least 0."),
+        (("--tolerance", "-1"), 2, "like 40px"),
+    ],
+)
+def test_a_tolerance_that_makes_no_sense_is_refused(
+    options: tuple[str, ...], code: int, told: str, tmp_path: Path
+) -> None:
+    refused(render(*pair(tmp_path), "-o", tmp_path / "out", *options), code, told)
 
 
 def test_preview_shows_the_picture_as_it_looks(tmp_path: Path) -> None:

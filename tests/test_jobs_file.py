@@ -36,11 +36,12 @@ quality = "draft"
     assert job.outputs == Outputs(
         tmp_path / "o", kinds, "jpg", "float", preview=True, overwrite=True
     )
-    assert job.machine == Machine("draft", "cpu", 3)
+    assert job.machine == Machine("draft", device="cpu", threads=3)
 
 
 def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
-    outputs, machine = Outputs(tmp_path / "o", ("left",), "png16"), Machine("high", "cuda", 2)
+    outputs = Outputs(tmp_path / "o", ("left",), "png16")
+    machine = Machine("high", device="cuda", threads=2)
     job = read_jobs(jobs_file(tmp_path, FIXED), outputs, machine)[0]
     assert (job.outputs, job.machine, job.reading) == (outputs, machine, Reading())
     assert job.sample_id == "a"
@@ -93,6 +94,11 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
             FIXED + "[machine]\nquality = 'hihg'\n",
             r"quality: 'hihg' is not known; did you mean high",
         ),
+        (
+            FIXED + "[machine]\nquality = 'high'\ntolerance = '1px'\n",
+            r"\[machine\] tolerance: stands beside quality; keep one of them",
+        ),
+        (FIXED + "[machine]\ntolerance = '1m'\n", r"tolerance: '1m' has an unknown unit"),
         (FIXED + "[machine]\nthreads = 2\n", r"\[machine\]: unknown key 'threads'; .* quality"),
         (FIXED + "[reading]\ndepth-unit = 'km'\n", r"\[reading\] depth-unit: 'km' is not known"),
         (FIXED + "[reading]\npart = -1\n", r"part: -1 is not a whole number of 0 or more"),
@@ -130,3 +136,8 @@ def test_more_jobs_than_anybody_means_are_refused_before_they_are_made(tmp_path:
     text += '[sample]\nn = 1000000\nseed = 1\nfnumber = "uniform(2, 4)"\n'
     with pytest.raises(UsageProblem, match="asks for 63000000 pictures; split"):
         jobs(tmp_path, text)
+
+
+def test_a_tolerance_stands_for_a_quality(tmp_path: Path) -> None:
+    file = jobs_file(tmp_path, FIXED + "[machine]\ntolerance = '0.5px'\n")
+    assert read_jobs(file, Outputs(tmp_path), Machine())[0].machine.tolerance == 0.5

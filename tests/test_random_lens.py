@@ -112,7 +112,7 @@ def test_the_f_number_rises_until_the_blur_fits() -> None:
 
 def test_gradients_reach_image_and_depth() -> None:
     sharp, planes = image(1).requires_grad_(), depth(1).requires_grad_()
-    draft()(sharp, planes, [3]).render.square().sum().backward()
+    draft(fnum=(0.2, 0.3))(sharp, planes, [3]).render.square().sum().backward()
     assert sharp.grad is not None
     assert planes.grad is not None
     assert sharp.grad.abs().max() > 0

@@ -34,7 +34,7 @@ from defocus_cli.plan import make_plan
 @options.output_options
 @options.hidden_option
 @options.reading_options
-@options.machine_options
+@options.rendering_options
 @options.check_inputs_option
 @options.json_option
 @options.verbose_option
