@@ -18,7 +18,7 @@ from torch import Tensor
 _PIXELS_PER_LIGHT = 4000
 _LIGHT = 200.0
 # What lies as sharp as this anywhere counts as in focus.
-_IN_FOCUS = 0.3
+_IN_FOCUS = 0.15
 # Width of a wire as a share of the frame's, and the least in px.
 _WIRE, _LEAST_WIRE = 1 / 160, 3
 

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.quality import QUALITIES, Quality, find
 
-# Radii in px up to which a pixel is in focus: its disc is narrower than the pixel.
-SHARP = 0.3
+# Radii in px up to which a pixel is in focus, its disc being much narrower than the pixel; and up
+# to which it is less blurred than it should be, so that shares have no step.
+SHARP, _SOFT = 0.15, 0.25
 # Radii in px below which each slice occludes for itself.
 _ALONE = 2.0
 
@@ -106,26 +108,54 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
-    ladder = torch.tensor(radii, dtype=torch.float64)
-    low, high = ladder[:-1], ladder[1:]
-    one_side = low * high >= 0
-    # from the one in focus to its neighbours the share begins beyond SHARP
-    least = torch.maximum(low * low, high * high).mul(0.25).clamp(max=SHARP**2)
-    start = torch.where(low == 0, least, low * low)
-    end = torch.where(high == 0, least, high * high)
-    square, width = end - start, high - low
-    # between two rungs the share is a r² + b r + c
-    a = torch.where(one_side & (square != 0), 1 / square, 0.0)
-    b = torch.where(~one_side & (width != 0), 1 / width, 0.0)
-    c = -a * start - b * low
-    a, b, c, inner = (
-        t.to(signed_radius.device, signed_radius.dtype) for t in (a, b, c, ladder[1:-1])
+    pieces = _pieces(radii)
+    lower = torch.tensor([piece.rung for piece in pieces], device=signed_radius.device)
+    ends, a, b, c = (
+        torch.tensor(column, dtype=torch.float64).to(signed_radius.device, signed_radius.dtype)
+        for column in zip(*((p.end, p.a, p.b, p.c) for p in pieces), strict=True)
     )
-    lower = torch.bucketize(signed_radius.detach().contiguous(), inner, right=True)
-    share = torch.addcmul(c[lower], a[lower], signed_radius * signed_radius)
+    piece = torch.bucketize(signed_radius.detach().contiguous(), ends[:-1], right=True)
+    share = torch.addcmul(c[piece], a[piece], signed_radius * signed_radius)
     if bool(b.any()):
-        share = share.addcmul(b[lower], signed_radius)
-    return lower + share.clamp(0, 1)
+        share = share.addcmul(b[piece], signed_radius)
+    return lower[piece] + share.clamp(0, 1)
+
+
+class _Piece(NamedTuple):
+    """Radii up to an end in px, whose share in the rung after `rung` is a r² + b r + c."""
+
+    rung: int
+    end: float
+    a: float
+    b: float
+    c: float
+
+
+def _pieces(radii: tuple[float, ...]) -> list[_Piece]:
+    """How shares follow from radii, in ascending order."""
+    found = []
+    for rung, (low, high) in enumerate(pairwise(radii)):
+        square, width = high * high - low * low, high - low
+        if low * high < 0:  # the ladder has no rung in focus
+            found.append(_Piece(rung, high, 0.0, 1 / width, -low / width))
+            continue
+        a = 1 / square if square else 0.0
+        whole = _Piece(rung, high, a, 0.0, -a * low * low)
+        sharp = [] if min(abs(low), abs(high)) or max(-low, high) < 2 * _SOFT else _sharp(whole)
+        found += [*sharp, whole] if high > 0 else [whole, *sharp]
+        if sharp and high == 0:
+            found[-3] = whole._replace(end=-_SOFT)
+    return found
+
+
+def _sharp(whole: _Piece) -> list[_Piece]:
+    """What stands for a piece next to focus from 0 to SHARP, and from there to _SOFT."""
+    k = whole.a * (_SOFT / (_SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
+    if whole.end > 0:
+        between = _Piece(whole.rung, _SOFT, k, -2 * k * SHARP, k * SHARP**2)
+        return [_Piece(whole.rung, SHARP, 0.0, 0.0, 0.0), between]
+    between = _Piece(whole.rung, -SHARP, k, 2 * k * SHARP, 1 + k * SHARP**2)
+    return [between, _Piece(whole.rung, 0.0, 0.0, 0.0, 1.0)]
 
 
 def membership(places: Tensor, slices: Tensor) -> Tensor:

@@ -39,11 +39,19 @@ def test_shares_keep_the_second_moment(quality: str) -> None:
     ladder = rungs(-23.0, 31.0, find(quality))
     square = (shares(ladder) * torch.tensor(ladder, dtype=torch.float64)[:, None, None] ** 2).sum(0)
     off = (square - RADII**2) / RADII.abs().clamp(min=1) ** 2
-    near = RADII.abs() < min(abs(r) for r in ladder if r)
+    near = RADII.abs() < 0.25  # up to SHARP a pixel is in focus
     assert off[~near].abs().max() < EXACT
-    assert (off[near] <= EXACT).all()  # up to SHARP a pixel is in focus
-    assert off[near].min() >= -(SHARP**2)
+    assert (off[near] <= EXACT).all()
+    assert off[near].min() >= -(0.25**2)
     assert (square[RADII.abs() <= SHARP] == 0).all()
+
+
+def test_shares_have_no_step() -> None:
+    radii = torch.linspace(-1.2, 1.2, 24001, dtype=torch.float64)
+    for quality in QUALITIES:
+        found = position(radii, rungs(-1.2, 1.2, find(quality)))
+        assert found.diff().min() >= 0
+        assert found.diff().max() < 1e-3
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
