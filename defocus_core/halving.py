@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
+from torch.nn.functional import avg_pool2d, pad
 
 
 class Axis(NamedTuple):
@@ -112,3 +112,28 @@ def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
         else:
             values = even + other
     return values
+
+
+def averaged(
+    values: Tensor, halvings: int, middle: tuple[Axis, Axis]
+) -> tuple[Tensor, tuple[Axis, Axis]]:
+    """Means [N, K, h, w] of pictures [N, K, H, W] halved some times, and where the middle is.
+
+    What lies outside counts as 0.
+    """
+    down, across = middle
+    if not down.odd and not across.odd:  # all at once
+        step = 1 << halvings
+        edges = []
+        for n, axis in zip(values.shape[-2:], middle, strict=True):
+            before = -axis.middle % step
+            edges.append((before, -(n + before) % step))
+        if any(map(any, edges)):
+            values = pad(values, (*edges[1], *edges[0]))
+        ends = [(axis.middle + side[0]) // step for axis, side in zip(middle, edges, strict=True)]
+        return avg_pool2d(values, step), (Axis(ends[0], False), Axis(ends[1], False))
+    for _ in range(halvings):
+        y, x = halves(values.shape[-2], down), halves(values.shape[-1], across)
+        values = halved(extended(values, y, x, 0.0), (down.odd, across.odd)) / 4
+        down, across = y.axis, x.axis
+    return values, (down, across)

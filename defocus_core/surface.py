@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.halving import Axis, extended, halved, halves
+from defocus_core.halving import Axis, averaged
+from defocus_core.points import Points
 from defocus_core.slicing import membership
 from defocus_core.slopes import Planes
 from defocus_core.tiling import BLOCK, Box, Grid, blocks_at, blocks_of, visible_slices
 
-# Samples on a side of the blocks by which points are found.
-_BLOCK = 32
+# Rows of samples that are averaged at once: few enough to stay in a cache.
+_BAND = 64
 
 
 class Samples(NamedTuple):
@@ -71,7 +73,7 @@ class Surface:
         if len(samples.at):
             blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
-        self._samples, self._blocks = samples, blocks
+        self._samples, self._blocks = samples, blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes, self._planes = None, None
         if samples.slopes is not None:
@@ -82,7 +84,7 @@ class Surface:
                 self._planes = Planes(samples.slopes, self._blocks)
         self._layer = self._framed(samples.layer)
         self._places = self._framed(samples.places)
-        self._extra = _Points(samples)
+        self._extra = Points(samples.at, samples.extra, samples.extra_places, (H, W))
 
     def _framed(self, values: Tensor) -> Tensor:
         """Values [..., H, W] in a frame of zeros in which every window lies."""
@@ -144,26 +146,37 @@ class Surface:
             tilted: Whether it has slopes.
         """
         layer, places, slopes = self._samples.layer, self._samples.places, self._samples.slopes
-        some = _bounds(self._blocks[rung], places.shape)
-        share = (1 - (some.of(places) - rung).abs_()).clamp_(min=0)
-        pixels = (some.of(layer) * share)[None]
-        if tilted and slopes is not None:
-            pixels = torch.cat([pixels, pixels * some.of(slopes)[:, None]])
-        down, across = (
-            Axis(axis.middle - start, axis.odd)
-            for axis, start in zip(middle, some[:2], strict=True)
-        )
-        for _ in range(halvings):
-            y, x = halves(pixels.shape[-2], down), halves(pixels.shape[-1], across)
-            pixels = halved(extended(pixels, y, x, 0.0), (down.odd, across.odd)) / 4
-            down, across = y.axis, x.axis
-        found = Box(-down.middle, -across.middle, *pixels.shape[-2:])
-        here = found.grown(0, cells)
-        result = pixels.new_zeros(*pixels.shape[:2], *cells[2:])
-        if here.height > 0 and here.width > 0:
-            here.seen_from(cells).of(result).copy_(here.seen_from(found).of(pixels))
+        kinds = 3 if tilted and slopes is not None else 1
+        result = layer.new_zeros(kinds, len(layer), *cells[2:])
+        for some in self._bands(rung, 1 << halvings, middle):
+            share = (some.of(places) - rung).abs_().neg_().add_(1).clamp_(min=0)
+            pixels = (some.of(layer) * share)[None]
+            if tilted and slopes is not None:
+                pixels = torch.cat([pixels, pixels * some.of(slopes)[:, None]])
+            down, across = (
+                Axis(axis.middle - start, axis.odd)
+                for axis, start in zip(middle, some[:2], strict=True)
+            )
+            pixels, (down, across) = averaged(pixels, halvings, (down, across))
+            found = Box(-down.middle, -across.middle, *pixels.shape[-2:])
+            here = found.grown(0, cells)
+            if here.height > 0 and here.width > 0:
+                here.seen_from(cells).of(result).add_(here.seen_from(found).of(pixels))
         self._extra.averaged(result[0], rung, 1 << halvings, cells, middle)
         return result
+
+    def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
+        """Rectangles that together hold a slice once: rows some steps from the middle."""
+        size = self._samples.places.shape
+        frame, blocks = Box(0, 0, *size), self._blocks[rung]
+        whole = _aligned(_bounds(blocks, size), max(step, _BAND), middle)
+        for top in range(whole.top, whole.top + whole.height, max(step, _BAND)):
+            rows = Box(top, 0, max(step, _BAND), size[1]).grown(0, frame)
+            first, last = rows.top // BLOCK, -(-(rows.top + rows.height) // BLOCK)
+            columns = _bounds(blocks[first:last], (rows.height, size[1]))
+            if columns.width:
+                aligned = _aligned(columns._replace(top=rows.top), step, middle)
+                yield rows._replace(left=aligned.left, width=aligned.width).grown(0, frame)
 
     def _window(
         self, index: int, margin: int, size: tuple[int, int]
@@ -174,7 +187,7 @@ class Surface:
         return (y, x), Box(y, x, *size).seen_from(self._framed_box)
 
 
-def _bounds(blocks: Tensor, size: torch.Size) -> Box:
+def _bounds(blocks: Tensor, size: Sequence[int]) -> Box:
     """The rectangle of a frame that holds all blocks [rows, columns] that are true."""
     ends = []
     for dim, length in enumerate(size):
@@ -185,98 +198,14 @@ def _bounds(blocks: Tensor, size: torch.Size) -> Box:
     return Box(top, left, below - top, beside - left)
 
 
-class _Points:
-    """The further samples of a layer, sorted by blocks."""
-
-    def __init__(self, samples: Samples) -> None:
-        self._at, self._layer, self._places = samples.at, samples.extra, samples.extra_places
-        rows, columns = (-(-n // _BLOCK) for n in samples.places.shape)
-        self._rows, self._columns = rows, columns
-        block = self._at.div(_BLOCK, rounding_mode="floor")
-        block = block[:, 0] * columns + block[:, 1]
-        self._order = block.argsort(stable=True)
-        counts = torch.bincount(block, minlength=rows * columns)
-        self._starts = [0, *counts.cumsum(0).tolist()]
-
-    def _near(self, corner: tuple[int, int], size: tuple[int, int]) -> Tensor:
-        """Indices of the points in the blocks that a window touches."""
-        above, first = (max(n // _BLOCK, 0) for n in corner)
-        below = min((corner[0] + size[0] - 1) // _BLOCK + 1, self._rows)
-        last = min((corner[1] + size[1] - 1) // _BLOCK + 1, self._columns)
-        starts = [y * self._columns for y in range(above, below)]
-        return torch.cat(
-            [self._order[self._starts[s + first] : self._starts[s + last]] for s in starts]
+def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
+    """The least rectangle around another whose sides are some steps from the middle."""
+    ends = [
+        (
+            axis.middle + (start - axis.middle) // step * step,
+            axis.middle - (axis.middle - start - length) // step * step,
         )
-
-    def added(
-        self,
-        pixels: Tensor,
-        corner: tuple[int, int],
-        rungs: list[int],
-        count: int,
-    ) -> Tensor:
-        """Slices [k, C + 1, height, width] of a window with the points that lie in it.
-
-        Args:
-            pixels: Without; overwritten.
-            corner: First row and column of the window.
-            rungs: Of the slices.
-            count: Rungs in all.
-        """
-        if self._starts[-1] == 0:
-            return pixels
-        channels, height, width = pixels.shape[1:]
-        near = self._near(corner, (height, width))
-        if not len(near):
-            return pixels
-        y = self._at[near, 0] - corner[0]
-        x = self._at[near, 1] - corner[1]
-        inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        layer = self._layer.index_select(0, near) * inside[:, None]
-        places = self._places.index_select(0, near)
-        spot = torch.where(inside, y * width + x, 0)[:, None]
-        channel = torch.arange(channels, device=pixels.device) * (height * width)
-        slots = torch.full((count + 1,), -1, device=pixels.device)
-        slots[rungs] = torch.arange(len(rungs), device=pixels.device)
-        lower = places.detach().floor()
-        flat = pixels.view(-1)
-        for rung in (lower, lower + 1):
-            slot = slots[rung.long()][:, None]
-            share = (1 - (places - rung).abs())[:, None] * (slot >= 0)
-            target = slot.clamp(min=0) * (channels * height * width) + channel + spot
-            flat.index_add_(0, target.flatten(), (layer * share).flatten())
-        return pixels
-
-    def averaged(
-        self, pixels: Tensor, rung: int, step: int, cells: Box, middle: tuple[Axis, Axis]
-    ) -> None:
-        """Add the points of a slice to it at reduced resolution.
-
-        Args:
-            pixels: [C + 1, height, width] without; changed.
-            rung: Of the slice.
-            step: Px between cells.
-            cells: What the pixels are, counted from the first at or after the middle of the frame.
-            middle: Of the frame, counted from the first sample.
-        """
-        share = 1 - (self._places - rung).abs()
-        here = torch.nonzero(share.detach() > 0)[:, 0]
-        if not len(here):
-            return
-        layer = self._layer[here] * share[here, None] / step**2
-        sides = []  # of each axis the cells that have shares in a pixel, and the shares
-        for dim, (axis, start) in enumerate(zip(middle, cells[:2], strict=True)):
-            offset = self._at[here, dim] - axis.middle
-            lower = offset.div(step, rounding_mode="floor")
-            upper = (offset - lower * step).to(layer.dtype) / step
-            sides.append(
-                [(lower - start, 1 - upper), (lower + 1 - start, upper)]
-                if axis.odd
-                else [(lower - start, torch.ones_like(upper))]
-            )
-        for y, of_row in sides[0]:
-            for x, of_column in sides[1]:
-                inside = (y >= 0) & (y < cells.height) & (x >= 0) & (x < cells.width)
-                some = layer * (of_row * of_column * inside)[:, None]
-                spot = torch.where(inside, y * cells.width + x, 0)
-                pixels.view(len(pixels), -1).index_add_(1, spot, some.T)
+        for start, length, axis in zip(box[:2], box[2:], middle, strict=True)
+    ]
+    (top, below), (left, beside) = ends
+    return Box(top, left, below - top, beside - left)

@@ -26,7 +26,8 @@ LAYERS = [
     {"reduced"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
-    {"compositing", "continuation", "convolution", "mixed", "ramps", "slicing", "thin_lens"},
+    {"compositing", "continuation", "convolution", "mixed", "points", "ramps", "slicing"}
+    | {"thin_lens"},
     {
         "aperture",
         "halving",
