@@ -15,7 +15,7 @@ from defocus_core.slopes import Planes
 from defocus_core.tiling import BLOCK, Box, Grid, blocks_at, blocks_of, visible_slices
 
 # Rows of samples that are averaged at once: few enough to stay in a cache.
-_BAND = 64
+_BAND = 32
 
 
 class Samples(NamedTuple):
