@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, pad
+from torch.nn.functional import pad
 
 
 class Axis(NamedTuple):
@@ -101,7 +101,7 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
     """Sums [..., h, w] of the pixels [..., H, W] that make one of half resolution."""
-    for dim in (-1, -2):
+    for dim in (-2, -1):  # rows first: they lie together
         even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
         other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
         if odd[dim]:
@@ -122,16 +122,6 @@ def averaged(
     What lies outside counts as 0.
     """
     down, across = middle
-    if not down.odd and not across.odd:  # all at once
-        step = 1 << halvings
-        edges = []
-        for n, axis in zip(values.shape[-2:], middle, strict=True):
-            before = -axis.middle % step
-            edges.append((before, -(n + before) % step))
-        if any(map(any, edges)):
-            values = pad(values, (*edges[1], *edges[0]))
-        ends = [(axis.middle + side[0]) // step for axis, side in zip(middle, edges, strict=True)]
-        return avg_pool2d(values, step), (Axis(ends[0], False), Axis(ends[1], False))
     for _ in range(halvings):
         y, x = halves(values.shape[-2], down), halves(values.shape[-1], across)
         values = halved(extended(values, y, x, 0.0), (down.odd, across.odd)) / 4
