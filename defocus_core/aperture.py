@@ -144,6 +144,12 @@ def part_area(aperture: Aperture, part: Part) -> float:
     return _part_area(aperture, part) / _part_area(aperture, FULL)
 
 
+def area_within(aperture: Aperture, part: Part, x: Tensor, y: Tensor) -> Tensor:
+    """The share [...] of a part of the pupil between x [..., 2] and y [..., 2], both ascending."""
+    x, y = x.clamp(max(part.x0, -1), min(part.x1, 1)), y.clamp(max(part.y0, -1), min(part.y1, 1))
+    return _areas(aperture, x, y)[..., 0, 0] / _part_area(aperture, part)
+
+
 def parts(aperture: Aperture, count: int) -> list[Part]:
     """Cut the pupil into parts, first those of the LEFT half, then those of the RIGHT.
 

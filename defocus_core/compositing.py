@@ -21,7 +21,7 @@ _CERTAIN = 100
 _EQUAL = 1e-6
 
 
-def add_behind(seen: Tensor, layer: Tensor) -> Tensor:
+def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
     """Add a layer behind what the parts of the aperture have seen so far.
 
     The layer adds min(1, (1 - A) / a) of itself, where A is what is covered and a its coverage:
@@ -31,8 +31,9 @@ def add_behind(seen: Tensor, layer: Tensor) -> Tensor:
         seen: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1]. Not
             changed where a gradient is wanted, else overwritten by the result.
         layer: The same of the layer.
+        full: What is covered at most, if not the whole part.
     """
-    left = (1 - seen[:, -1:]).clamp(min=0)
+    left = (full - seen[:, -1:]).clamp(min=0)
     share = left / torch.maximum(layer[:, -1:], left).clamp(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
         certain = torch.minimum(layer[:, -1:], left) > _CERTAIN * torch.finfo(left.dtype).eps

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
+from defocus_core.borders import share_in_frame
 from defocus_core.compositing import add_behind, pair_of, picture
 from defocus_core.frame import Frame
 from defocus_core.halving import axes
@@ -65,6 +66,7 @@ class Region:
 
         pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
         pixels, highlights = split(pixels, signed_radius, frame.limit, middle)
+        self._radius = core.seen_from(outer).of(signed_radius)
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         self._visible = self._in_front(own, signed_radius)
         # nothing is invented where something is known
@@ -181,19 +183,28 @@ class Region:
         index: int,
     ) -> tuple[Tensor, Tensor]:
         """What m parts of the aperture see of a tile [m, C + 1, h, w], and the share observed."""
-        order = sorted(visible)
+        order, full = sorted(visible), self._in_frame(index, group)
         seen = torch.zeros_like(visible[order[0]])
         for number in order:
-            seen = add_behind(seen, visible[number])
+            seen = add_behind(seen, visible[number], full)
         if known:
-            seen = add_behind(seen, torch.stack(list(known.values())).sum(0))
+            seen = add_behind(seen, torch.stack(list(known.values())).sum(0), full)
         observed = seen[:, -1].clone()
         if invented:
-            seen = add_behind(seen, torch.stack(list(invented.values())).sum(0))
+            seen = add_behind(seen, torch.stack(list(invented.values())).sum(0), full)
         if self._highlights is not None:
             lit = self._tiles[index].seen_from(self._tiles[0]).of(self._highlights[group])
             seen = torch.cat([seen[:, :-1] + lit, seen[:, -1:]], 1)
         return seen, observed
+
+    def _in_frame(self, index: int, group: slice) -> Tensor | float:
+        """The share of parts of the aperture that looks at the frame from a tile."""
+        frame, box = self._frame, self._tiles[index]
+        inside = box == box.grown(0, frame.box.shrunk(frame.farthest))
+        if inside or not frame.edges:  # nothing lies behind
+            return 1.0
+        radius = box.seen_from(self._tiles[0]).of(self._radius)
+        return share_in_frame(radius, box, frame.size, frame.aperture, frame.parts[group])
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""

@@ -23,7 +23,7 @@ LAYERS = [
     {"assembly"},
     {"baselines", "presence", "region"},
     {"blur", "frame"},
-    {"reduced"},
+    {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
     {"compositing", "continuation", "convolution", "mixed", "points", "ramps", "slicing"}
