@@ -26,7 +26,7 @@ from defocus_core.workload import Workload
 LOADS = (
     *("frame", "pixels", "images", "backdrop", "kernels"),
     *("regions", "around", "slopes", "edges", "behind", "hidden", "lights"),
-    *("calls", "averaged", "forward", "products", "inverse", "composited"),
+    *("calls", "averaged", "forward", "products", "inverse", "composited", "finished"),
 )
 # Bytes of the coarse picture of the frame; of the spectra of kernels, and of those that are made at
 # once; of each region, of its layers at reduced resolution, of the lights in it that are drawn at
@@ -127,10 +127,12 @@ def plan(
     repeated = sum(around) / (2 * pixels)
     discs, blocks = _lights(frame, image, signed_radius, grids, scene.visible.plan)
     of_kernels, kept, made = work.kernels()
+    images = channels * size / 4 * (3 if left_right else 1)
+    finished = sum(_area(grid, 0, frame) for grid in grids) * images
     of_frame = {
         "frame": 1.0,
         "pixels": pixels * samples,
-        "images": pixels * channels * size / 4 * (3 if left_right else 1),
+        "images": pixels * images,
         "backdrop": pixels * samples * frame.edges,
         "kernels": of_kernels,
     }
@@ -168,7 +170,7 @@ def plan(
         tiles_with_hidden=sum(1 for tile, some in behind if some and tile in blurred),
         of_frame=_all(of_frame),
         of_regions=_all(of_regions),
-        of_tiles=_all(_times(work.of_tiles, samples)),
+        of_tiles=_all({**_times(work.of_tiles, samples), "finished": finished}),
         bytes=held,
     )
 
