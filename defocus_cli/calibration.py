@@ -232,7 +232,7 @@ def _bytes(plan: Plan, threads: int, at_once: int) -> dict[str, float]:
     tiles = regions * min(threads // regions, math.ceil(plan.tiles / plan.regions))
     waiting = min(plan.regions, (1 + AHEAD) * regions)
     times = dict.fromkeys(("region", "layers", "discs"), regions)
-    times |= {"result": waiting, "tile": tiles}
+    times |= {"result": waiting, "tile": tiles, "making": tiles}  # none waits for a kernel
     return {name: size * times.get(name, 1) for name, size in plan.bytes.items()}
 
 

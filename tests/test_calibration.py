@@ -112,11 +112,11 @@ def test_threads_wait_for_the_work_of_a_region_and_for_regions_that_are_no_copie
 
 def test_each_thread_holds_what_it_works_on() -> None:
     one, four = MADE, replace(MADE, threads=4)
-    frame, region = 3, 3  # backdrop, spectra, making; region, layers, discs
-    assert one.predicted_mb(planned(6)) == frame + region + 1 + 1
-    assert four.predicted_mb(planned(6)) == frame + region + 1 + 4
-    assert four.predicted_mb(planned(8, regions=4)) == frame + 4 * region + 4 + 4
-    assert four.predicted_mb(planned(1)) == frame + region + 1 + 1
+    frame, region, tile = 2, 3, 2  # backdrop, spectra; region, layers, discs; tile, making
+    assert one.predicted_mb(planned(6)) == frame + region + 1 + tile
+    assert four.predicted_mb(planned(6)) == frame + region + 1 + 4 * tile
+    assert four.predicted_mb(planned(8, regions=4)) == frame + 4 * region + 4 + 4 * tile
+    assert four.predicted_mb(planned(1)) == frame + region + 1 + tile
 
 
 def test_fewer_regions_at_once_hold_less() -> None:
