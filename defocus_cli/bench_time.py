@@ -171,7 +171,9 @@ def _predicted(
     )
     device = scene.image.device.type
     memory.reset_peak(device)  # hands back what planning took
-    held = memory.held_mb(device)
+    pictures = 3 if "left" in OUTPUTS[case.outputs] else 1
+    of_pixel = (pictures * len(scene.image) + 1) * scene.image.itemsize  # and trust
+    held = memory.held_mb(device) + of_pixel * scene.signed_radius.numel() / memory.MB
     return calibration.predicted_seconds(planned), held + calibration.predicted_mb(planned)
 
 
@@ -179,6 +181,8 @@ def _work(
     case: Case, scene: Scenery, threads: int
 ) -> tuple[Callable[[], Tensor], dict[str, float]]:
     """What makes all outputs of a case, and where the statistics of the last one are put."""
+    import torch
+
     from defocus_core import render
 
     kinds = OUTPUTS[case.outputs]
@@ -187,13 +191,14 @@ def _work(
     def work() -> Tensor:
         if "disparity" in kinds:
             _ = scene.signed_radius * DISPARITY_PER_RADIUS
-        rendering = render(
-            scene.image,
-            scene.signed_radius,
-            quality=case.quality,
-            left_right="left" in kinds,
-            threads=threads,
-        )
+        with torch.no_grad():  # as commands render
+            rendering = render(
+                scene.image,
+                scene.signed_radius,
+                quality=case.quality,
+                left_right="left" in kinds,
+                threads=threads,
+            )
         stats.update(rendering.stats)
         return rendering.render
 

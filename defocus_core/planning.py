@@ -8,9 +8,6 @@ is to a load differs from machine to machine and is for the caller to measure.
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -23,15 +20,20 @@ from defocus_core.quality import find
 from defocus_core.region import in_focus
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.tiling import Grid, regions
-from defocus_core.windows import Window
+from defocus_core.workload import Workload
 
-# Loads of the tiles of a region, and of a region as a whole; what remains is the frame's.
-TILE_LOADS = ("calls", "forward", "products", "inverse")
-REGION_LOADS = ("regions", "around", "hidden", "edges", "lights")
-LOADS = ("frame", "pixels", "kernels", *REGION_LOADS, *TILE_LOADS)
-# Bytes of the coarse picture of the frame and the spectra of kernels, of each region, of what is
-# made of each, and of each tile in work.
-BYTES = ("backdrop", "spectra", "region", "result", "tile")
+# What takes time: for the frame, for a region as a whole, for its tiles.
+LOADS = (
+    *("frame", "pixels", "images", "backdrop", "kernels"),
+    *("regions", "around", "slopes", "edges", "behind", "hidden", "lights"),
+    *("calls", "averaged", "forward", "products", "inverse", "composited", "finished"),
+)
+# Bytes of the coarse picture of the frame; of the spectra of kernels, and of those that are made at
+# once; of each region, of its layers at reduced resolution, of the lights in it that are drawn at
+# once, of what is made of it, and of each tile in work.
+BYTES = ("backdrop", "spectra", "making", "region", "layers", "discs", "result", "tile")
+# Samples of the discs of lights that are drawn at once.
+_DRAWN = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,9 @@ class Plan:
         slice_tiles: What a renderer that skips nothing would do.
         slice_tiles_done: What is done.
         tiles_with_hidden: Tiles behind whose surface something is invented.
-        loads: By the names in `LOADS`.
+        of_frame: Loads of the frame as a whole, by the names in `LOADS`.
+        of_regions: Those of regions, likewise: each is work for one thread.
+        of_tiles: Those of tiles, likewise.
         bytes: By the names in `BYTES`; those of one region and of one tile are the most of any.
     """
 
@@ -55,8 +59,16 @@ class Plan:
     slice_tiles: int
     slice_tiles_done: int
     tiles_with_hidden: int
-    loads: dict[str, float]
+    of_frame: dict[str, float]
+    of_regions: dict[str, float]
+    of_tiles: dict[str, float]
     bytes: dict[str, float]
+
+    @property
+    def loads(self) -> dict[str, float]:
+        """All together."""
+        parts = (self.of_frame, self.of_regions, self.of_tiles)
+        return {name: sum(part[name] for part in parts) for name in LOADS}
 
 
 def plan(
@@ -103,133 +115,73 @@ def plan(
     scene = Presence(frame, signed_radius)
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     grids = [grid for grid in every if not in_focus(frame, grid.box, signed_radius)]
-    blurred = {tile for grid in grids for tile in grid.tiles}
-    for plans in (scene.visible, scene.tilted, scene.hidden):
-        plans[:] = [
-            some if tile in blurred else []
-            for tile, some in zip(frame.grid.tiles, plans, strict=True)
-        ]
-    work = _Work(scene, grids)
-    around = [
-        _area(grid, frame.margin, frame) + _area(grid, frame.farthest, frame) for grid in grids
-    ]
+    work = Workload(frame, image.shape[0] + 1)
+    for grid in grids:
+        work.add(grid, [scene.visible, scene.hidden])
     (H, W), channels = frame.size, image.shape[0]
-    pixels, parts, size = H * W, len(frame.parts), frame.dtype.itemsize
+    pixels, size = H * W, frame.dtype.itemsize
     samples = (channels + 1) * size / 4
-    discs, blocks = _lights(frame, image, signed_radius, grids, scene.visible)
+    outer = [_area(grid, frame.margin, frame) for grid in grids]
+    inner = [_area(grid, frame.farthest, frame) for grid in grids]
+    around = [sum(areas) for areas in zip(outer, inner, strict=True)]
     repeated = sum(around) / (2 * pixels)
-    loads = {
+    discs, blocks = _lights(frame, image, signed_radius, grids, scene.visible.plan)
+    of_kernels, kept, made = work.kernels()
+    images = channels * size / 4 * (3 if left_right else 1)
+    finished = sum(_area(grid, 0, frame) for grid in grids) * images
+    of_frame = {
         "frame": 1.0,
         "pixels": pixels * samples,
-        "kernels": work.kernels * parts,
+        "images": pixels * images,
+        "backdrop": pixels * samples * frame.edges,
+        "kernels": of_kernels,
+    }
+    of_regions = {
         "regions": float(len(grids)),
         "around": sum(around) * samples,
-        "hidden": (scene.continued * repeated + blocks) * samples,
+        "backdrop": sum(outer) * samples * frame.edges,
+        "slopes": sum(inner) * frame.tilted,
         "edges": scene.edges * repeated,
+        "behind": scene.behind * repeated,
+        "hidden": (scene.continued * repeated + blocks) * samples,
         "lights": discs,
-        "calls": work.calls,
-        "forward": work.forward * samples,
-        "products": work.products * samples * parts,
-        "inverse": work.inverse * samples * parts,
+        **_times(work.of_regions, samples),
     }
     held = {
         "backdrop": pixels * (1 + (channels + 2) * size / 16) if frame.edges else 0.0,
-        "spectra": work.spectra * parts * 2 * size,
-        "region": 4 * max(around, default=0.0) * samples * (1 + bool(discs)),
+        "spectra": kept * size,
+        "making": made * 24,
+        "region": 4 * max(around, default=0.0) * samples,
+        "layers": 4 * work.reduced * samples,
+        "discs": 4 * min(discs, _DRAWN),
         "result": max(_area(grid, 0, frame) for grid in every)
         * (channels * (3 if left_right else 1) + 1)
         * size,
         "tile": 4 * work.widest * samples,
     }
+    blurred = {tile for grid in grids for tile in grid.tiles}
+    behind = zip(frame.grid.tiles, scene.hidden.plan, strict=True)
     return Plan(
         slices=len(frame.radii),
         tiles=len(frame.grid.tiles),
         regions=len(every),
         slice_tiles=2 * len(frame.radii) * len(frame.grid.tiles),
-        slice_tiles_done=sum(map(len, [*scene.visible, *scene.hidden])),
-        tiles_with_hidden=sum(1 for some in scene.hidden if some),
-        loads=loads,
+        slice_tiles_done=work.done,
+        tiles_with_hidden=sum(1 for tile, some in behind if some and tile in blurred),
+        of_frame=_all(of_frame),
+        of_regions=_all(of_regions),
+        of_tiles=_all({**_times(work.of_tiles, samples), "finished": finished}),
         bytes=held,
     )
 
 
-class _Work:
-    """What the slices of a scene amount to: samples of transforms, counts of calls."""
-
-    def __init__(self, scene: Presence, grids: list[Grid]) -> None:
-        frame, windows = scene.frame, scene.frame.windows
-        self._frame, self._parts = frame, len(frame.parts)
-        self.calls = self.forward = self.products = self.inverse = self.widest = 0.0
-        number = {tile: i for i, tile in enumerate(frame.grid.tiles)}
-        for grid in grids:
-            tiles = [number[tile] for tile in grid.tiles]
-            for plan, together in ((scene.visible, False), (scene.hidden, True)):
-                for i in tiles:
-                    self._add_tile(plan[i], [] if together else scene.tilted[i], together)
-                self._add_region(
-                    [plan[i] for i in tiles],
-                    [scene.tilted[i] for i in tiles if not together],
-                    _area(grid, frame.farthest, frame),
-                    together,
-                )
-        kinds = 3 if any(scene.tilted) else 1
-        areas = [w.size[0] * w.size[1] for w in windows if w.margin]
-        self.spectra = kinds * sum(areas) / 2
-        self.kernels = kinds * sum(area * math.log2(area) for area in areas)
-
-    def _add_tile(self, rungs: list[int], tilted: list[int], together: bool) -> None:
-        """A tile of a surface whose layers add up together, or do not."""
-        leaning = set(tilted)
-        for window, some in _by_window(self._frame.windows, rungs):
-            results = 1 if together else len({self._frame.layers[k] for k in some})
-            if window.halvings:  # only read
-                self.calls += results
-                self.products += results * self._frame.grid.side**2
-                continue
-            lean = 0 if together else len(leaning.intersection(some))
-            self.calls += len(some) + 2 * lean + results
-            if window.margin:  # else copied
-                self._add(window.size[0] * window.size[1], len(some) + 2 * lean, results)
-
-    def _add_region(
-        self, plans: list[list[int]], tilted: list[list[int]], pixels: float, together: bool
-    ) -> None:
-        """What is blurred at reduced resolution, for some tiles at once.
-
-        A slice is averaged and transformed within what it covers, about the share of tiles that it
-        reaches.
-        """
-        reached = Counter(k for rungs in plans for k in rungs)
-        leaning = {k for rungs in tilted for k in rungs}
-        for window, some in _by_window(self._frame.windows, sorted(reached)):
-            if not window.halvings:
-                continue
-            share = max(reached[k] for k in some) / len(plans)
-            lean = len(leaning.intersection(some))
-            results = 1 if together else len({self._frame.layers[k] for k in some})
-            self.calls += len(some) + 2 * lean + results
-            self.products += (
-                pixels
-                * sum((3 if k in leaning else 1) * reached[k] for k in some)
-                / (len(plans) * self._parts)
-            )
-            self._add(share * window.size[0] * window.size[1], len(some) + 2 * lean, results)
-
-    def _add(self, area: float, terms: int, results: int) -> None:
-        """Transforms of so many samples."""
-        self.forward += terms * area * math.log2(area)
-        self.products += terms * area
-        self.inverse += results * area * math.log2(area)
-        self.widest = max(self.widest, (terms + results * self._parts) * area)
+def _times(loads: dict[str, float], samples: float) -> dict[str, float]:
+    """Loads of one channel, of all."""
+    return {name: load * (1 if name == "calls" else samples) for name, load in loads.items()}
 
 
-def _by_window(windows: list[Window], rungs: list[int]) -> Iterator[tuple[Window, list[int]]]:
-    """The rungs that share each window."""
-    found: dict[int, list[int]] = {}
-    for k in rungs:
-        found.setdefault(id(windows[k]), []).append(k)
-    for some in found.values():
-        yield windows[some[0]], some
+def _all(loads: dict[str, float]) -> dict[str, float]:
+    return {name: float(loads.get(name, 0.0)) for name in LOADS}
 
 
 def _lights(

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import torch
 from torch import Tensor
+from torch.nn.functional import max_pool2d, pad
 
 from defocus_core.backdrop import halvings_for, level_of
 from defocus_core.continuation import REACH
@@ -16,7 +17,7 @@ from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
 from defocus_core.source import Pixels
-from defocus_core.tiling import BLOCK, TILE, blocks_at, visible_slices
+from defocus_core.tiling import BLOCK, TILE, Box, blocks_at, visible_slices
 
 # Pixels of a sample at most, of one that shows what is hidden, and of the strips in which all are
 # looked at.
@@ -27,8 +28,83 @@ _WIDE = 16
 _BETWEEN = 0.3
 # Px of overlap of strips: soft edges are as wide as that.
 _OVERLAP = 12
-# Range of radii between neighbours on an edge, and how many pixels wide it is.
-_EDGE, _EDGE_WIDTH = 1.5, 2
+# Range of radii in px, among a pixel and its neighbours, on an edge.
+_EDGE = 1.5
+# Slopes that differ by less are the same.
+_SAME = 1e-3
+
+
+class Cover:
+    """Where the slices of a surface are.
+
+    Attributes:
+        plan: For each tile the rungs of the ladder that reach it.
+        layer_of: For each rung the number of the layer that it adds up to.
+    """
+
+    def __init__(self, plan: list[list[int]], blocks: Tensor, stride: int, layer_of: list[int]):
+        """Nothing is tilted.
+
+        Args:
+            plan: See above.
+            blocks: [K, rows, columns] bool, where every `stride`-th rung is.
+            stride: In rungs.
+            layer_of: See above.
+        """
+        self.plan, self.layer_of = plan, layer_of
+        self._blocks, self._stride = blocks, stride
+        self._found: dict[Box, list[Box | None]] = {}
+        self._leaning: Tensor | None = None
+        self._lowest = self._highest = torch.zeros(0)
+
+    def lean(self, leaning: Tensor, lowest: Tensor, highest: Tensor) -> None:
+        """Tell that some are tilted.
+
+        Args:
+            leaning: [K, rows, columns] bool, where rungs have slopes.
+            lowest: [2, rows, columns] the least of the slopes x and y in each block.
+            highest: The same of the greatest.
+        """
+        self._leaning, self._lowest, self._highest = leaning, lowest, highest
+
+    def bounds(self, rung: int, box: Box) -> Box | None:
+        """The rectangle in which a rung is, within one of the frame."""
+        if box not in self._found:
+            self._found[box] = self._bounds(box)
+        return self._found[box][rung // self._stride]
+
+    def _bounds(self, box: Box) -> list[Box | None]:
+        rows, columns = _blocks_in(box)
+        some = self._blocks[:, rows, columns]
+        ends = [
+            (here.long().argmax(1).tolist(), here.flip(1).long().argmax(1).tolist(), here.shape[1])
+            for here in (some.any(2), some.any(1))
+        ]
+        found: list[Box | None] = []
+        for k, exists in enumerate(some.flatten(1).any(1).tolist()):
+            (top, below), (left, beside) = (
+                (first[k] * BLOCK, (count - last[k]) * BLOCK) for first, last, count in ends
+            )
+            whole = Box(rows.start * BLOCK + top, columns.start * BLOCK + left, below - top, 0)
+            whole = whole._replace(width=beside - left)
+            found.append(whole.grown(0, box) if exists else None)
+        return found
+
+    def leaning(self, rungs: list[int], box: Box) -> tuple[int, int]:
+        """How many of some rungs have slopes within a rectangle: many of them, or but one."""
+        if self._leaning is None:
+            return 0, 0
+        rows, columns = _blocks_in(box)
+        number = torch.tensor(rungs)
+        tilted = self._leaning[number, rows, columns].flatten(1).any(1)
+        if not bool(tilted.any()):
+            return 0, 0
+        some = self._blocks[number, rows, columns]
+        lowest, highest = (x[:, None, rows, columns] for x in (self._lowest, self._highest))
+        low = torch.where(some, lowest, torch.inf).flatten(2).amin(2)
+        high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
+        planar = tilted & ((high - low).amax(0) <= _SAME)
+        return int((tilted & ~planar).sum()), int(planar.sum())
 
 
 class Presence:
@@ -36,11 +112,11 @@ class Presence:
 
     Attributes:
         frame: Of which this is told.
-        visible: For each tile the rungs of the ladder that reach it.
-        tilted: Those of them that have slopes there.
-        hidden: For each tile the rungs of what is invented behind its surfaces.
+        visible: The surfaces that are seen.
+        hidden: What is invented behind them.
         edges: Pixels on edges of depth.
-        continued: Pixels of the blocks from which hidden content is continued.
+        behind: Pixels behind which something is invented.
+        continued: Pixels of the blocks from which that is continued.
     """
 
     def __init__(self, frame: Frame, signed_radius: Pixels) -> None:
@@ -49,21 +125,26 @@ class Presence:
         step = _step(H * W)
         rows, self.edges = [], 0
         for strip, inner in _strips(signed_radius) if frame.edges else ():
-            for jump in (strip[inner.start : inner.stop + 1].diff(dim=0), strip[inner].diff(dim=1)):
-                self.edges += _EDGE_WIDTH * int((jump.abs() > _EDGE).sum())
-            rows.append(without_ramps(strip)[inner][::step, ::step].clone())
+            steps = without_ramps(strip)
+            self.edges += int((_range_of_nine(steps[inner]) > _EDGE).sum())
+            rows.append(steps[inner][::step, ::step].clone())
         radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)
-        self.visible = self._tiles(self._blocks(radius, everywhere, step, 1, (H, W)), 1)
-        self.tilted: list[list[int]] = [[] for _ in self.visible]
+        blocks = self._blocks(radius, everywhere, step, 1, (H, W))
+        self.visible = Cover(self._tiles(blocks, 1), blocks.cpu(), 1, frame.layers)
         if frame.tilted:  # lengths and radii shrink alike: slopes stay as they are
             lean = slopes(radius / step, frame.quality.least_slope)
             if lean is not None:
-                self.tilted = self._tiles(self._blocks(radius, lean.any(0), step, 1, (H, W)), 1)
-        self.hidden: list[list[int]] = [[] for _ in self.visible]
-        self.continued = 0.0
+                leaning = self._blocks(radius, lean.any(0), step, 1, (H, W))
+                self.visible.lean(leaning.cpu(), *_ranges(lean, BLOCK // step))
+        windows = list(dict.fromkeys(map(id, frame.windows)))
+        spans = [windows.index(id(window)) for window in frame.windows]
+        self.hidden = Cover([[] for _ in frame.grid.tiles], blocks[:0], frame.stride, spans)
+        self.behind = self.continued = 0.0
         if frame.edges:
-            self.hidden = self._behind(signed_radius)
+            blocks = self._behind(signed_radius)
+            plan = self._tiles(blocks, frame.stride)
+            self.hidden = Cover(plan, blocks.cpu(), frame.stride, spans)
 
     def _blocks(
         self, radius: Tensor, some: Tensor, step: int, stride: int, size: tuple[int, int]
@@ -78,8 +159,8 @@ class Presence:
         found = visible_slices(blocks, self.frame.reaches[::stride], self.frame.grid.tiles)
         return [[k * stride for k in some] for some in found]
 
-    def _behind(self, signed_radius: Pixels) -> list[list[int]]:
-        """For each tile the rungs of what is invented there.
+    def _behind(self, signed_radius: Pixels) -> Tensor:
+        """Blocks [K, rows, columns] in which what is invented has a rung, of those it uses.
 
         What is behind an edge is as wide as the radii differ: the greater, the coarser a sample
         shows it. Where it would still be too large, bands of tiles are looked at, and those between
@@ -107,11 +188,12 @@ class Presence:
             share = min(height, H - top) / looked_at
             hidden = _continued(small[inner] * step, far[inner], some[inner], step)
             self.continued += share * hidden
+            self.behind += share * step**2 * int(some[inner].sum())
             blocks = self._blocks(far[inner], some[inner], step, stride, (looked_at, W))
             rows = -(-min(height, H - top) // BLOCK)
             found += [blocks] * (rows // blocks.shape[1])
             found.append(blocks[:, : rows % blocks.shape[1]])
-        return self._tiles(torch.cat(found, 1), stride)
+        return torch.cat(found, 1)
 
 
 def _continued(near: Tensor, far: Tensor, some: Tensor, step: int) -> float:
@@ -152,3 +234,35 @@ def _strips(signed_radius: Pixels) -> Iterator[tuple[Tensor, slice]]:
         above = min(top, _OVERLAP)
         strip = signed_radius[top - above : top + height + _OVERLAP].detach()
         yield strip, slice(above, above + min(height, H - top))
+
+
+def _range_of_nine(values: Tensor) -> Tensor:
+    """By how much each of some pixels differs from those around it, but for those at the border."""
+    low = high = values
+    for dim in (0, 1):
+        for choice in (torch.minimum, torch.maximum):
+            some = low if choice is torch.minimum else high
+            n = some.shape[dim]
+            for distance in (1, 1):
+                n -= distance
+                if n > 0:
+                    some = choice(some.narrow(dim, 0, n), some.narrow(dim, 1, n))
+            low, high = (some, high) if choice is torch.minimum else (low, some)
+    return high - low
+
+
+def _ranges(slopes: Tensor, side: int) -> tuple[Tensor, Tensor]:
+    """The least and the greatest [2, rows, columns] of slopes [2, h, w] in blocks of some side."""
+    size = [(0, -n % side) for n in slopes.shape[1:]]
+    padded = pad(slopes[None], (*size[1], *size[0]), mode="replicate")[0]
+    highest, lowest = (sign * max_pool2d(sign * padded, side) for sign in (1, -1))
+    return lowest.cpu(), highest.cpu()
+
+
+def _blocks_in(box: Box) -> tuple[slice, slice]:
+    """Rows and columns of the blocks that a rectangle touches."""
+    rows, columns = (
+        slice(max(start // BLOCK, 0), max(-(-(start + length) // BLOCK), 0))
+        for start, length in ((box.top, box.height), (box.left, box.width))
+    )
+    return rows, columns

@@ -21,7 +21,7 @@ LAYERS = [
     {"checks"},
     {"render", "stream"},
     {"assembly"},
-    {"baselines", "presence", "region"},
+    {"baselines", "presence", "region", "workload"},
     {"blur", "frame"},
     {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},

@@ -10,7 +10,7 @@ import pytest
 
 from defocus_cli import calibration
 from defocus_cli.calibration import Calibration, calibrated, keep, kept
-from defocus_core.planning import BYTES, LOADS, TILE_LOADS, Plan, plan
+from defocus_core.planning import BYTES, LOADS, Plan, plan
 from defocus_core.scenery import scenery
 
 MADE = Calibration(dict.fromkeys(LOADS, 1.0), dict.fromkeys(BYTES, 1.0), 1)
@@ -21,10 +21,16 @@ def test_usual_are_all_that_a_plan_counts() -> None:
     assert set(calibration._USUAL_BYTES) == set(BYTES)
 
 
-def planned(tiles: int = 6, regions: int = 1) -> Plan:
-    loads = {name: float(name in TILE_LOADS) for name in LOADS}
+def planned(
+    tiles: int = 6, regions: int = 1, *, busy: int | None = None, alone: bool = False
+) -> Plan:
+    """Of one unit of work: for the tiles, or for the regions alone."""
+    nothing = dict.fromkeys(LOADS, 0.0)
+    work = nothing | {"products": 1.0}
+    of_regions = (work if alone else nothing) | {"regions": float(busy or regions)}
     held = dict.fromkeys(BYTES, 2.0**20)
-    return Plan(3, tiles, regions, 6 * tiles, tiles, 0, loads, held)
+    of_tiles = nothing if alone else work
+    return Plan(3, tiles, regions, 6 * tiles, tiles, 0, nothing, of_regions, of_tiles, held)
 
 
 @pytest.fixture
@@ -88,22 +94,29 @@ def test_without_xdg_the_cache_is_in_the_home(
 
 
 def test_threads_that_have_no_tile_left_wait() -> None:
-    one, four = MADE, replace(MADE, threads=4)
-    work = len(TILE_LOADS)
-    assert one.predicted_seconds(planned(6)) == work
-    assert four.predicted_seconds(planned(6)) == pytest.approx(work * 8 / 6)
-    assert four.predicted_seconds(planned(8)) == work
-    assert four.predicted_seconds(planned(8, regions=3)) > work  # a thread without a region
-    assert four.predicted_seconds(planned(8, regions=4)) == work
+    one = replace(MADE, seconds=MADE.seconds | {"regions": 0.0})
+    four = replace(one, threads=4)
+    assert one.predicted_seconds(planned(6)) == 1
+    assert four.predicted_seconds(planned(6)) == pytest.approx(8 / 6)
+    assert four.predicted_seconds(planned(8)) == 1
+    assert four.predicted_seconds(planned(8, regions=3)) > 1  # a thread without a region
+    assert four.predicted_seconds(planned(8, regions=4)) == 1
+
+
+def test_threads_wait_for_the_work_of_a_region_and_for_regions_that_are_no_copies() -> None:
+    four = replace(MADE, seconds=MADE.seconds | {"regions": 0.0}, threads=4)
+    assert four.predicted_seconds(planned(8, alone=True)) == 4
+    assert four.predicted_seconds(planned(8, regions=4, alone=True)) == 1
+    assert four.predicted_seconds(planned(8, regions=4, busy=1, alone=True)) == 4
 
 
 def test_each_thread_holds_what_it_works_on() -> None:
     one, four = MADE, replace(MADE, threads=4)
-    frame = len(BYTES) - 3  # without region, result and tile
-    assert one.predicted_mb(planned(6)) == frame + 1 + 1 + 1
-    assert four.predicted_mb(planned(6)) == frame + 1 + 1 + 4
-    assert four.predicted_mb(planned(8, regions=4)) == frame + 4 + 4 + 4
-    assert four.predicted_mb(planned(1)) == frame + 1 + 1 + 1
+    frame, region, tile = 2, 3, 2  # backdrop, spectra; region, layers, discs; tile, making
+    assert one.predicted_mb(planned(6)) == frame + region + 1 + tile
+    assert four.predicted_mb(planned(6)) == frame + region + 1 + 4 * tile
+    assert four.predicted_mb(planned(8, regions=4)) == frame + 4 * region + 4 + 4 * tile
+    assert four.predicted_mb(planned(1)) == frame + region + 1 + tile
 
 
 def test_fewer_regions_at_once_hold_less() -> None:

@@ -56,7 +56,8 @@ def test_everything_is_timed_and_written(tmp_path: Path) -> None:
         assert row["cpu_seconds"] > 0
         assert row["fft_units"] > 0
         assert row["slices"] >= 3
-        assert 0 < row["work_percent"] <= 100
+        assert 0 <= row["work_percent"] <= 100
+        assert (row["work_percent"] == 0) == (row["kind"] == "focus")  # a copy
     with (tmp_path / "t.csv").open() as file:
         told = [row["case"] for row in csv.DictReader(file)]
     assert told == names

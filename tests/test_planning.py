@@ -1,12 +1,16 @@
 """What a plan counts is what the renderer does."""
 
+import math
+from typing import Any
+
 import pytest
 import torch
 from scenes import RADII, pattern
 from torch import Tensor
 
-from defocus_core import Aperture, presence, render
+from defocus_core import Aperture, blur, presence, reduced, render, windows
 from defocus_core.aperture import parts
+from defocus_core.convolution import crop_inverse, kernel_spectra
 from defocus_core.planning import BYTES, LOADS, Plan, plan
 from defocus_core.quality import find
 from defocus_core.scenery import KINDS, scenery
@@ -77,6 +81,63 @@ def test_hidden_content_and_edges_are_planned_where_surfaces_overlap() -> None:
     assert loads()["hidden"] > 0 < loads()["edges"]
     _, floor = scenery("floor", *SIZE, 9.0)
     assert plan(floor).loads["hidden"] == 0 == plan(floor).loads["edges"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "r", "quality"),
+    [
+        ("plane", 60.0, "draft"),
+        ("floor", 60.0, "high"),
+        ("cards", 60.0, "draft"),
+        ("cards", 9.0, "standard"),
+        ("thin", 40.0, "standard"),
+        ("most", 30.0, "standard"),
+    ],
+)
+def test_what_is_transformed_back_is_planned(
+    kind: str, r: float, quality: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image, radius = scenery(kind, *SIZE, r)
+    planned = plan(radius, image=image, quality=quality)
+    found = []
+
+    def counted(spectrum: Tensor, window: tuple[int, int], box: tuple[int, int, int, int]) -> Any:
+        area = math.prod(window)
+        found.append(math.prod(spectrum.shape[:-2]) * area * math.log2(area))
+        return crop_inverse(spectrum, window, box)
+
+    monkeypatch.setattr(blur, "crop_inverse", counted)
+    monkeypatch.setattr(reduced, "crop_inverse", counted)
+    render(image, radius, quality=quality)
+    assert planned.loads["inverse"] == pytest.approx(sum(found), rel=0.1)
+
+
+def test_spectra_of_kernels_are_planned_as_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    image, radius = scenery("cards", *SIZE, 60.0)
+    found = []
+
+    def counted(radii: Tensor, *settings: Any, leaning: bool) -> Tensor:
+        spectra = kernel_spectra(radii, *settings, leaning=leaning)
+        found.append(spectra.shape[:-1].numel() * settings[1][1])
+        return spectra
+
+    monkeypatch.setattr(windows, "kernel_spectra", counted)
+    render(image, radius)
+    assert plan(radius, image=image).bytes["spectra"] == pytest.approx(4 * sum(found), rel=0.1)
+
+
+def test_planes_take_fewer_transforms_than_what_is_bent() -> None:
+    """Kernels are tilted instead of them."""
+    _, floor = scenery("floor", 256, 256, 40.0)
+    y = torch.linspace(0, 1, 256)[:, None]
+    bent = floor + 2 * torch.sin(6 * math.pi * y) + 0 * floor
+    straight, curved = (plan(r).loads for r in (floor, bent))
+    assert straight["forward"] < 0.6 * curved["forward"]
+    assert straight["averaged"] < 0.6 * curved["averaged"]
+
+
+def test_small_radii_are_not_averaged() -> None:
+    assert loads(r=9.0)["averaged"] == 0 < loads(r=60.0)["averaged"]
 
 
 def test_lights_are_planned_where_the_picture_has_some() -> None:
