@@ -16,6 +16,8 @@ from defocus_core.tiling import Box
 
 # Radii in px up to which a pixel looks at the frame, wherever it is.
 _LEAST = 2.0
+# Shares below this count as this: of a disc so much larger than the frame next to nothing is seen.
+_LEAST_SHARE = 0.01
 # Intervals of u in which shares are linear.
 _STEPS = 1024
 
@@ -35,7 +37,7 @@ def share_in_frame(
         parts: M parts of it.
 
     Returns:
-        [M, 1, h, w] in [0, 1].
+        [M, 1, h, w] in [0.01, 1].
     """
     y = torch.arange(box.top, box.top + box.height, device=signed_radius.device)
     x = torch.arange(box.left, box.left + box.width, device=signed_radius.device)
@@ -60,7 +62,7 @@ def share_in_frame(
             corner = area_within(aperture, part, across[both], down[both])
             found.append(one.index_copy(0, both, corner.to(one.dtype)))
         share = share.index_copy(1, some, torch.stack(found))
-    return share.reshape(len(parts), 1, box.height, box.width)
+    return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
 
 
 def _between(aperture: Aperture, part: Part, dim: int, ends: Tensor) -> Tensor:

@@ -105,6 +105,7 @@ class Stream:
             at_once: How many at once at most: bounds memory. None for as many as threads.
         """
         dtype = torch.promote_types(self._image.dtype, torch.float32)
+        # not around the loop: the mode would be that of whoever takes the regions, too
         with torch.no_grad():
             parts = finished(
                 self.frame,
@@ -115,11 +116,16 @@ class Stream:
                 at_once=at_once,
                 progress=self._progress,
             )
-            for part in parts:
+        while True:
+            with torch.no_grad():
+                part = next(parts, None)
+                if part is None:
+                    return
                 self._counts.append(part.counts)
                 centre, *pair = part.images.to(dtype)
                 left, right = pair or (None, None)
-                yield Rendered(part.box, centre, left, right, part.trust[0, 0].to(dtype))
+                found = Rendered(part.box, centre, left, right, part.trust[0, 0].to(dtype))
+            yield found
 
     @property
     def stats(self) -> dict[str, int]:

@@ -120,3 +120,13 @@ def test_a_tile_has_a_least_side() -> None:
 def test_shapes_of_a_stream_must_match() -> None:
     with pytest.raises(ValueError, match=r"image must be \[C, H, W\]"):
         Stream(torch.zeros(3, 8, 8), torch.zeros(8, 9))
+
+
+def test_whoever_takes_a_region_keeps_gradients() -> None:
+    """Also who takes but the first one."""
+    image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 3.0)
+    regions = Stream(image, radius).regions()
+    next(regions)
+    assert torch.is_grad_enabled()
+    regions.close()
+    assert torch.is_grad_enabled()
