@@ -14,8 +14,9 @@ from torch import Tensor
 from defocus_core.aperture import Aperture, Part, area_within
 from defocus_core.tiling import Box
 
-# Radii in px up to which a pixel looks at the frame, wherever it is.
-_LEAST = 2.0
+# Radii in px up to which a pixel looks at the frame, wherever it is, and from which it does as
+# geometry says. What is between is smooth: depth and lens are differentiated through it.
+_FROM, _TO = 1.5, 2.5
 # Shares below this count as this: of a disc so much larger than the frame next to nothing is seen.
 _LEAST_SHARE = 0.01
 # Intervals of u in which shares are linear.
@@ -44,7 +45,7 @@ def share_in_frame(
     (H, W), r = size, signed_radius
     near = torch.minimum(torch.minimum(y, H - 1 - y)[:, None], torch.minimum(x, W - 1 - x)) + 0.5
     share = r.new_ones(len(parts), r.numel())
-    some = torch.nonzero((r.detach().abs() > near.clamp(min=_LEAST)).flatten())[:, 0]
+    some = torch.nonzero((r.detach().abs() > near.clamp(min=_FROM)).flatten())[:, 0]
     if len(some):
         r, row = r.flatten()[some], some.div(box.width, rounding_mode="floor")
         places = (x[some - row * box.width], y[row])
@@ -61,7 +62,9 @@ def share_in_frame(
             )
             corner = area_within(aperture, part, across[both], down[both])
             found.append(one.index_copy(0, both, corner.to(one.dtype)))
-        share = share.index_copy(1, some, torch.stack(found))
+        t = ((r.abs() - _FROM) / (_TO - _FROM)).clamp(0, 1)
+        counts = t * t * (3 - 2 * t)
+        share = share.index_copy(1, some, 1 - counts * (1 - torch.stack(found)))
     return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
 
 
