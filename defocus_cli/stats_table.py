@@ -8,8 +8,10 @@ from collections.abc import Iterator, Mapping
 _LINES = (
     ("slice_tiles_done", "slice_tiles", "steps of slice x tile done"),
     ("slice_tiles_blurred", "slice_tiles", "of them blurred, the others copied"),
+    ("slice_tiles_reduced", "slice_tiles", "of them at reduced resolution"),
+    ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
     ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
-    ("tiles_culled", "tiles", "tiles culled, covered before all slices were done"),
+    ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
     ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
 )
 

@@ -7,7 +7,8 @@ both: each slice adds its coverage until the whole part is covered.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -17,6 +18,8 @@ _LEAST_SHARE = 1e-12
 # Shares below this many roundings are noise of the transforms; slopes of their quotients, which
 # every further layer would multiply, count as none.
 _CERTAIN = 100
+# Roundings by which transforms miss what is covered at most.
+_FULL = 8
 # Shares of the aperture that differ by less are equal.
 _EQUAL = 1e-6
 
@@ -40,6 +43,23 @@ def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tenso
         share = torch.where(certain, share, share.detach())
         return seen.addcmul(layer, share)
     return seen.addcmul_(layer, share)
+
+
+def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
+    """Whether nothing is left to cover; never where a gradient is wanted: what is left has one.
+
+    Args:
+        seen: [M, C + 1, h, w], as above.
+        full: As above.
+    """
+    if torch.is_grad_enabled():
+        return False
+    return bool((full - seen[:, -1:]).amax() <= _FULL * torch.finfo(seen.dtype).eps)
+
+
+def summed(layers: Iterable[Tensor]) -> Tensor:
+    """The sum of layers that do not occlude each other: all are behind the same."""
+    return reduce(torch.add, layers)
 
 
 def picture(seen: Tensor, weights: Sequence[float] | None = None) -> Tensor:

@@ -45,7 +45,7 @@ class Plan:
         tiles: Of the frame.
         regions: That its tiles are put into.
         slice_tiles: What a renderer that skips nothing would do.
-        slice_tiles_done: What is done.
+        slice_tiles_done: What is done, as long as nothing is culled.
         tiles_with_hidden: Tiles behind whose surface something is invented.
         of_frame: Loads of the frame as a whole, by the names in `LOADS`.
         of_regions: Those of regions, likewise: each is work for one thread.

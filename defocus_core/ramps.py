@@ -73,7 +73,7 @@ def _on_a_ramp(r: Tensor, dim: int) -> Tensor:
     if r.shape[dim] > 2:
         step = r.diff(dim=dim)
         n = step.shape[dim] - 1
-        before, after = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
-        steep = torch.minimum(before.abs(), after.abs()) > _STEEP
-        found.narrow(dim, 1, n).copy_(steep & (before * after > 0))
+        inner = found.narrow(dim, 1, n)
+        for way in (step > _STEEP, step < -_STEEP):
+            inner |= way.narrow(dim, 0, n) & way.narrow(dim, 1, n)
     return found

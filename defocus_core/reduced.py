@@ -78,6 +78,7 @@ class Reduced:
         self._middle, self._step = middle, 1 << window.halvings
         around, reach = self._spans(core), (window.margin + 2) * self._step
         self._layers: dict[int, _Layer] = {}
+        self._shares: dict[tuple[int, int, int, Span], Tensor] = {}
         for number in dict.fromkeys(numbers.values()):
             rungs = [rung for rung, other in numbers.items() if other == number]
             bounds = surface.bounds(rungs)
@@ -135,14 +136,16 @@ class Reduced:
             down, across = (span.within(wanted) for span, wanted in zip(cells, spans, strict=True))
             if down.end <= down.first or across.end <= across.first:
                 continue
-            rows = self._between(0, box, down, groups[0])
-            columns = self._between(1, box, across, groups[0]).mT
+            rows, columns = (
+                self._between(d, box[d], box[d + 2], cells, groups[0])
+                for d, cells in enumerate((down, across))
+            )
             top, left = cells[0].first, cells[1].first
             for group, found in zip(groups, result, strict=True):
                 some = group[
                     ..., down.first - top : down.end - top, across.first - left : across.end - left
                 ]
-                found[number] = rows @ some @ columns
+                found[number] = rows @ some @ columns.mT
         return result
 
     def _spans(self, box: Box) -> tuple[Span, Span]:
@@ -156,12 +159,16 @@ class Reduced:
         )
         return down, across
 
-    def _between(self, dim: int, box: Box, cells: Span, like: Tensor) -> Tensor:
-        """The shares [pixels, cells] of cells in pixels."""
-        step, first = 1 / self._step, self._place(dim, box[dim]) - cells.first
-        pixels = torch.arange(box[dim + 2], dtype=like.dtype, device=like.device)
-        number = torch.arange(cells.end - cells.first, dtype=like.dtype, device=like.device)
-        return (1 - (pixels[:, None] * step + first - number).abs()).clamp(min=0)
+    def _between(self, dim: int, start: int, length: int, cells: Span, like: Tensor) -> Tensor:
+        """The shares [pixels, cells] of cells in pixels; tiles in a row have the same."""
+        key = (dim, start, length, cells)
+        if key not in self._shares:
+            step, first = 1 / self._step, self._place(dim, start) - cells.first
+            pixels = torch.arange(length, dtype=like.dtype, device=like.device)
+            number = torch.arange(cells.end - cells.first, dtype=like.dtype, device=like.device)
+            away = (pixels[:, None] * step + first - number).abs()
+            self._shares[key] = (1 - away).clamp(min=0)
+        return self._shares[key]
 
     def _place(self, dim: int, pixel: int) -> float:
         """Where a pixel lies among cells."""

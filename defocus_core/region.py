@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import share_in_frame
-from defocus_core.compositing import add_behind, pair_of, picture
+from defocus_core.compositing import add_behind, is_full, pair_of, picture, summed
 from defocus_core.frame import Frame
 from defocus_core.halving import axes
 from defocus_core.hidden import Behind, HiddenLayer, hidden_layer
@@ -70,6 +70,7 @@ class Region:
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         self._visible = self._in_front(own, signed_radius)
         # nothing is invented where something is known
+        self._culled: set[tuple[int, int]] = set()
         self._known: Sliced | None = None
         self._invented: Sliced | None = None
         if beyond is not None:
@@ -129,22 +130,19 @@ class Region:
     def tile(self, index: int) -> tuple[Tensor, Tensor]:
         """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
         frame = self._frame
-        visible = self._blur.over_tile(self._visible, index)
-        nothing: list[dict[int, Tensor]] = [{} for _ in frame.groups]
-        known = invented = nothing
+        full = [self._in_frame(index, group) for group in frame.groups]
+        seen = self._fronts(index, full)
         if self._known:
-            known = self._blur.over_tile(self._known, index)
+            seen = self._filled(seen, self._known, index, full)
+        observed = seen[0][:, -1].clone()
         if self._invented:
-            invented = self._blur.over_tile(self._invented, index)
-        (whole, observed), *halves = (
-            self._seen(*layers, index=index)
-            for layers in zip(frame.groups, visible, known, invented, strict=True)
-        )
+            seen = self._filled(seen, self._invented, index, full)
+        whole, *halves = self._lit(seen, index)
         trust = self._trust(whole[:, -1], observed, index)
         centre = picture(whole, frame.weights[: frame.centre])
         if not frame.left_right:
             return centre[None], trust
-        both = halves[0][0] if halves else whole
+        both = halves[0] if halves else whole
         first = frame.groups[-1].start
         cut = sum(1 for part in frame.parts[first:] if part.x1 <= 0)
         left = picture(both[:cut], frame.weights[first : first + cut])
@@ -173,29 +171,42 @@ class Region:
             share = share * torch.where(inner, 1.0, covered)
         return share.clamp(0, 1)[None, None]
 
-    def _seen(
-        self,
-        group: slice,
-        visible: dict[int, Tensor],
-        known: dict[int, Tensor],
-        invented: dict[int, Tensor],
-        *,
-        index: int,
-    ) -> tuple[Tensor, Tensor]:
-        """What m parts of the aperture see of a tile [m, C + 1, h, w], and the share observed."""
-        order, full = sorted(visible), self._in_frame(index, group)
-        seen = torch.zeros_like(visible[order[0]])
-        for number in order:
-            seen = add_behind(seen, visible[number], full)
-        if known:
-            seen = add_behind(seen, torch.stack(list(known.values())).sum(0), full)
-        observed = seen[:, -1].clone()
-        if invented:
-            seen = add_behind(seen, torch.stack(list(invented.values())).sum(0), full)
-        if self._highlights is not None:
-            lit = self._tiles[index].seen_from(self._tiles[0]).of(self._highlights[group])
-            seen = torch.cat([seen[:, :-1] + lit, seen[:, -1:]], 1)
-        return seen, observed
+    def _fronts(self, index: int, full: list[Tensor | float]) -> list[Tensor]:
+        """What m parts of the aperture see of visible surfaces, [m, C + 1, h, w] per group."""
+        found = []
+        for layers, most in zip(self._blur.over_tile(self._visible, index), full, strict=True):
+            order = sorted(layers)
+            seen = torch.zeros_like(layers[order[0]])
+            for number in order:
+                seen = add_behind(seen, layers[number], most)
+            found.append(seen)
+        return found
+
+    def _filled(
+        self, seen: list[Tensor], behind: Sliced, index: int, full: list[Tensor | float]
+    ) -> list[Tensor]:
+        """The same with what is hidden; where nothing is left to fill, this is not computed."""
+        if not behind.surface.plan[index]:
+            return seen
+        left = [not is_full(some, most) for some, most in zip(seen, full, strict=True)]
+        if not any(left):
+            self._culled.add((id(behind), index))
+            return seen
+        layers = self._blur.over_tile(behind, index)
+        return [
+            add_behind(some, summed(found.values()), most) if found and wanted else some
+            for some, found, most, wanted in zip(seen, layers, full, left, strict=True)
+        ]
+
+    def _lit(self, seen: list[Tensor], index: int) -> list[Tensor]:
+        """The same with highlights."""
+        if self._highlights is None:
+            return seen
+        lit = self._tiles[index].seen_from(self._tiles[0]).of(self._highlights)
+        return [
+            torch.cat([some[:, :-1] + lit[group], some[:, -1:]], 1)
+            for some, group in zip(seen, self._frame.groups, strict=True)
+        ]
 
     def _in_frame(self, index: int, group: slice) -> Tensor | float:
         """The share of parts of the aperture that looks at the frame from a tile."""
@@ -211,19 +222,21 @@ class Region:
         windows, tiles = self._frame.windows, len(self._tiles)
         sliced = [s for s in (self._visible, self._known, self._invented) if s]
         work = [
-            windows[rung * stride]
-            for surface, stride, *_ in sliced
-            for rungs in surface.plan
+            windows[rung * some.stride]
+            for some in sliced
+            for index, rungs in enumerate(some.surface.plan)
             for rung in rungs
+            if (id(some), index) not in self._culled
         ]
+        planned = sum(len(rungs) for some in sliced for rungs in some.surface.plan)
         invented = self._invented.surface.plan if self._invented else []
         copied = [
             tile.height * tile.width
             for i, tile in enumerate(self._tiles)
             if not any(
-                windows[rung * stride].margin
-                for surface, stride, *_ in sliced
-                for rung in surface.plan[i]
+                windows[rung * some.stride].margin
+                for some in sliced
+                for rung in some.surface.plan[i]
             )
         ]
         return {
@@ -233,6 +246,9 @@ class Region:
             "slice_tiles": 2 * len(windows) * tiles,
             "slice_tiles_done": len(work),
             "slice_tiles_blurred": sum(1 for window in work if window.margin),
+            "slice_tiles_reduced": sum(1 for window in work if window.halvings),
+            "slice_tiles_culled": planned - len(work),
+            "tiles_culled": len({index for _, index in self._culled}),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }
 
@@ -255,5 +271,8 @@ def counts_of_copy(frame: Frame, grid: Grid) -> dict[str, int]:
         "slice_tiles": 2 * len(frame.windows) * tiles,
         "slice_tiles_done": 0,
         "slice_tiles_blurred": 0,
+        "slice_tiles_reduced": 0,
+        "slice_tiles_culled": 0,
+        "tiles_culled": 0,
         "tiles_with_hidden": 0,
     }

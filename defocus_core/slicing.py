@@ -109,16 +109,17 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
     pieces = _pieces(radii)
-    lower = torch.tensor([piece.rung for piece in pieces], device=signed_radius.device)
-    ends, a, b, c = (
+    lower, ends, a, b, c = (
         torch.tensor(column, dtype=torch.float64).to(signed_radius.device, signed_radius.dtype)
-        for column in zip(*((p.end, p.a, p.b, p.c) for p in pieces), strict=True)
+        for column in zip(*((p.rung, p.end, p.a, p.b, p.c) for p in pieces), strict=True)
     )
-    piece = torch.bucketize(signed_radius.detach().contiguous(), ends[:-1], right=True)
-    share = torch.addcmul(c[piece], a[piece], signed_radius * signed_radius)
+    r = signed_radius.flatten()
+    piece = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
+    share = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
     if bool(b.any()):
-        share = share.addcmul(b[piece], signed_radius)
-    return lower[piece] + share.clamp(0, 1)
+        share = share.addcmul(b.index_select(0, piece), r)
+    places = lower.index_select(0, piece) + share.clamp(0, 1)
+    return places.reshape(signed_radius.shape)
 
 
 class _Piece(NamedTuple):

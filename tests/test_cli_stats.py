@@ -60,6 +60,24 @@ def test_nothing_is_invented_behind_tiles_without_an_edge(tmp_path: Path) -> Non
     assert rendered(tmp_path, ramp(W, H), "--overwrite")[0]["tiles_with_hidden"] == 0
 
 
+def test_hidden_slices_are_culled_where_nothing_is_left_to_fill(tmp_path: Path) -> None:
+    metres = flat(2.0)
+    metres[:, 2 * TILE + 1 :] = 6.0  # the edge of a card in focus, 1 px into the last tile
+    stats, told = rendered(tmp_path, metres)
+    assert stats["tiles_culled"] == 1
+    assert stats["slice_tiles_culled"] > 0
+    assert f"{stats['tiles_culled']} of 3 " in told
+    assert "with nothing left for them to fill" in told
+
+
+def test_large_radii_are_blurred_at_reduced_resolution(tmp_path: Path) -> None:
+    wide = ("--fnumber", "0.5", "--focal-length", "100mm")
+    assert rendered(tmp_path, ramp(W, H))[0]["slice_tiles_reduced"] == 0
+    stats, told = rendered(tmp_path, ramp(W, H), *wide, "--overwrite")
+    assert 0 < stats["slice_tiles_reduced"] < stats["slice_tiles_blurred"]
+    assert "at reduced resolution" in told
+
+
 def test_maps_alone_skip_everything(tmp_path: Path) -> None:
     stats, told = rendered(tmp_path, ramp(W, H), "--outputs", "coc,disparity")
     assert stats == {}
