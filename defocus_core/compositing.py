@@ -52,7 +52,7 @@ def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
         seen: [M, C + 1, h, w], as above.
         full: As above.
     """
-    if torch.is_grad_enabled():
+    if seen.requires_grad:
         return False
     return bool((full - seen[:, -1:]).amax() <= _FULL * torch.finfo(seen.dtype).eps)
 

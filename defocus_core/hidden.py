@@ -30,7 +30,7 @@ from defocus_core.tiling import Box
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
-_STEP = 0.51
+STEP = 0.51
 # Where between a near and a far radius a border may be that tells them apart.
 _WELL_BETWEEN = (0.1, 0.4)
 # Px from the farther surface up to which it is continued from full resolution, over 2^FINE px;
@@ -102,7 +102,7 @@ def hidden_layer(
     shown, source = beyond.revealed(
         Box(box.top + wanted.top, box.left + wanted.left, wanted.height, wanted.width)
     )
-    behind = shown > inside + _STEP
+    behind = shown > inside + STEP
     index = torch.nonzero(behind.flatten())[:, 0]
     if not len(index):
         return None
@@ -145,7 +145,7 @@ def hidden_layer(
     color = torch.zeros_like(wanted.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
     radius = wanted.of(signed_radius).flatten().index_copy(0, index, found[:, -1])
     radius = radius.reshape(inside.shape)
-    mask = behind & (radius.detach() > inside + _STEP)
+    mask = behind & (radius.detach() > inside + STEP)
     return HiddenLayer(color.reshape(-1, *inside.shape), radius, mask)
 
 

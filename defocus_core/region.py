@@ -15,7 +15,7 @@ from defocus_core.borders import share_in_frame
 from defocus_core.compositing import add_behind, is_full, pair_of, picture, summed
 from defocus_core.frame import Frame
 from defocus_core.halving import axes
-from defocus_core.hidden import Behind, HiddenLayer, hidden_layer
+from defocus_core.hidden import STEP, Behind, HiddenLayer, hidden_layer
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import Unmixed, unmixed, whole
 from defocus_core.slicing import position
@@ -79,7 +79,8 @@ class Region:
                 invented = hidden.mask
                 if behind is not None:
                     known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
-                    invented = hidden.mask & ~known.mask
+                    farther = hidden.signed_radius > known.signed_radius + STEP
+                    invented = hidden.mask & (~known.mask | farther)
                     self._known = self._behind(known._replace(mask=hidden.mask & known.mask), 1)
                 self._invented = self._behind(hidden._replace(mask=invented), frame.stride)
         self._highlights = None

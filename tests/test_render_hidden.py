@@ -3,7 +3,7 @@
 import pytest
 import torch
 from measures import inner, psnr, worst
-from reference import flatten
+from reference import Layer, flatten, layered, lens_points
 from scenes import RADII, SIZE, card_layers, pattern, slanted
 from test_render_occlusion import BORDER, truths
 from torch import Tensor
@@ -40,6 +40,23 @@ def test_with_the_hidden_surface_known_quality_is_bought_with_parts_of_the_apert
     ]
     assert errors == sorted(errors)
     assert errors[-1] > errors[1] + 2
+
+
+def test_behind_what_is_known_the_farthest_is_invented_where_the_lens_sees_past_that_too() -> None:
+    card, background = card_layers(-9.0, 3.0)
+    strip = torch.zeros_like(card.alpha)  # a wire, upright behind the card and nowhere else
+    strip[:, 40:43] = card.alpha[:, 40:43]
+    tint = torch.tensor([0.1, 0.2, 0.9], dtype=torch.float64)[:, None, None]
+    wire = Layer(tint * strip, strip, -6.0)
+    image, radius = flatten([card, background], SIZE)
+    truth = inner(layered([card, wire, background], lens_points(24), SIZE), BORDER)
+    color, behind_it = flatten([wire, background], SIZE)
+    hidden = HiddenLayer(color, behind_it, torch.ones(SIZE, dtype=torch.bool))
+    high, reference = (
+        psnr(inner(render(image, radius, quality=q, hidden=hidden).render, BORDER), truth)
+        for q in ("high", "reference")
+    )
+    assert reference > high + 2 > 40
 
 
 def test_what_is_unknown_is_invented_as_ever() -> None:
