@@ -27,6 +27,7 @@ from defocus_core.continuation import REACH, continued
 from defocus_core.halving import Axis
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
+from defocus_core.transport import structure, transported
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
@@ -138,9 +139,11 @@ def hidden_layer(
             )
             result, exists = result.index_select(0, cells.of), exists.index_select(0, cells.of)
         else:
-            result, exists = continued(
-                values, r, at[some], border[some], level=level, middle=middle
-            )
+            fine = (*values, structure(image, signed_radius))
+            result, exists = continued(fine, r, at[some], border[some], level=level, middle=middle)
+            result, tensor = result[:, :-3], result[:, -3:]
+            lines = transported(image, signed_radius, at[some], border[some], result, tensor)
+            result = torch.cat([lines, result[:, -1:]], 1)
         found = found.index_put((some[exists],), result[exists])
     color = torch.zeros_like(wanted.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
     radius = wanted.of(signed_radius).flatten().index_copy(0, index, found[:, -1])

@@ -1,0 +1,147 @@
+"""Lines that go on behind what hides them: coherence transport.
+
+A smooth continuation fades the joints of a wall and the edges of a pattern. Where the picture
+beside a hidden pixel has one direction, the pixel takes the colours that lie next to it along that
+direction, from both sides if there are two (Bornemann and März 2007). The direction is that of the
+structure tensor (Förstner and Gülch 1987), which is continued like a colour.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d
+
+# Px to each side over which directions are averaged.
+_AROUND = 4
+# Neighbours whose radii in px differ by more are not of one surface.
+_SAME = 0.5
+# Px from a pixel, along its direction, at which a known one is looked for.
+_STEPS = (2, 4, 6, 8, 11, 14, 18, 22)
+# Px at which a colour from one side alone counts nothing.
+_FARTHEST = 24.0
+# How much the radius in px of a colour may differ from the one that is continued.
+_OF_ONE = 2.0
+# Slopes of brightness, per px and as a share of it, that have no direction; and the coherence below
+# which there is hardly one.
+_FLAT, _HARDLY = 1e-3, 0.05
+
+# Px around a pixel that decide its direction.
+AROUND = _AROUND + 1
+
+
+def structure(image: Tensor, signed_radius: Tensor) -> Tensor:
+    """The structure tensor of a picture [C, H, W]: [3, H, W], of xx, xy and yy.
+
+    Edges of depth are not part of it.
+
+    Args:
+        image: Linear.
+        signed_radius: [H, W] px.
+    """
+    brightness, r = image.mean(0), signed_radius.detach()
+    x, y = (_slope(brightness, r, dim) for dim in (1, 0))
+    tensor = torch.stack([x * x, x * y, y * y])
+    size = 2 * _AROUND + 1
+    for kernel, edge in (((size, 1), (_AROUND, 0)), ((1, size), (0, _AROUND))):
+        tensor = avg_pool2d(tensor, kernel, stride=1, padding=edge, count_include_pad=False)
+    return tensor
+
+
+def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
+    """The mean slope [H, W] towards both neighbours, of those that are of the same surface."""
+    n = values.shape[dim] - 1
+    if n < 1:
+        return torch.zeros_like(values)
+    same = (r.diff(dim=dim).abs() < _SAME).to(values.dtype)
+    step = values.diff(dim=dim) * same
+    none = torch.zeros_like(values.narrow(dim, 0, 1))
+    total, count = (
+        torch.cat([one, none], dim) + torch.cat([none, one], dim) for one in (step, same)
+    )
+    return total / count.clamp(min=1)
+
+
+def transported(
+    image: Tensor,
+    signed_radius: Tensor,
+    at: Tensor,
+    border: Tensor,
+    smooth: Tensor,
+    tensor: Tensor,
+) -> Tensor:
+    """Colours [n, C] behind nearer surfaces, with the lines that lead there.
+
+    Args:
+        image: [C, H, W] linear.
+        signed_radius: [H, W] px.
+        at: [n, 2] rows and columns of pixels.
+        border: [n] px, beyond which a pixel is farther.
+        smooth: [n, C + 1] colour and radius as continued without a direction.
+        tensor: [n, 3] structure tensor, continued likewise.
+    """
+    r, color = signed_radius.detach().flatten(), smooth[:, :-1]
+    along, coherence = _direction(tensor, color)
+    ends = []
+    for way in (along, -along):
+        spot, away = _first_beyond(r, signed_radius.shape, at, border, way)
+        near = (away < _FARTHEST) & ((r[spot] - smooth[:, -1].detach()).abs() < _OF_ONE)
+        ends.append((image.flatten(1).index_select(1, spot).T, away, near))
+    (first, to_first, is_first), (second, to_second, is_second) = ends
+    both = is_first & is_second
+    # of two ends the nearer counts more; of one, the less the farther it is
+    share = torch.where(both, to_second / (to_first + to_second), is_first.to(r.dtype))[:, None]
+    between = share * first + (1 - share) * second
+    fading = 1 - torch.where(is_first, to_first, to_second) / _FARTHEST
+    weight = torch.where(both, 1.0, torch.where(is_first | is_second, fading, 0.0)) * coherence
+    return color + weight[:, None] * (between - color)
+
+
+def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
+    """The direction in which n pixels change least, [n, 2] as y and x, and how clear it is, [n]."""
+    xx, xy, yy = tensor.unbind(1)
+    flat = (_FLAT * color.mean(1)) ** 2 + torch.finfo(color.dtype).tiny
+    trace = xx + yy + flat
+    cosine, sine = (xx - yy) / trace, 2 * xy / trace  # of twice the angle of the gradient
+    square = cosine * cosine + sine * sine
+    coherence = ((square + _HARDLY**2).sqrt() - _HARDLY) / ((1 + _HARDLY**2) ** 0.5 - _HARDLY)
+    half = (cosine / torch.where(square > 0, square, 1.0).sqrt()).detach()
+    y = ((1 + half) / 2).clamp(min=0).sqrt()
+    x = ((1 - half) / 2).clamp(min=0).sqrt() * torch.where(sine > 0, -1.0, 1.0)
+    return torch.stack([y, x], 1), coherence
+
+
+def _first_beyond(
+    r: Tensor, size: tuple[int, ...], at: Tensor, border: Tensor, along: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The first pixel along a direction that lies beyond the border, and its distance.
+
+    Args:
+        r: [H * W] px.
+        size: (H, W).
+        at: [n, 2].
+        border: [n].
+        along: [n, 2] of length 1.
+
+    Returns:
+        [n] index in r, and [n] px; infinitely far where there is none.
+    """
+    H, W = size
+    found = torch.zeros_like(at[:, 0])
+    away = torch.full_like(border, torch.inf)
+    left = torch.arange(len(at), device=at.device)
+    for step in _STEPS:
+        y, x = (at + _rounded(step * along)).unbind(1)
+        inside = (y >= 0) & (y < H) & (x >= 0) & (x < W)
+        spot = torch.where(inside, y * W + x, 0)
+        known = inside & (r.index_select(0, spot) > border)
+        found[left[known]] = spot[known]
+        away[left[known]] = step
+        rest = torch.nonzero(~known)[:, 0]
+        left, at, border, along = (v.index_select(0, rest) for v in (left, at, border, along))
+    return found, away
+
+
+def _rounded(values: Tensor) -> Tensor:
+    """To the nearest integer, halves away from 0: mirrored directions lead to mirrored pixels."""
+    return (values.sign() * (values.abs() + 0.5).floor()).long()
