@@ -50,6 +50,15 @@ def test_hidden_content_comes_from_the_farther_side() -> None:
     assert worst(found.signed_radius[found.mask], 4.0) < EXACT
 
 
+@pytest.mark.parametrize("edge", range(16, 24))
+def test_beside_an_edge_hidden_content_is_as_what_is_next_to_it(edge: int) -> None:
+    """Wherever in the frame it is: cells of a coarser resolution do not show."""
+    x = torch.arange(56, dtype=torch.float64).expand(SIZE)
+    image = ((x >= edge - 2) & (x < edge)).to(x)
+    found = hidden_layer(image[None], torch.where(x < edge, 6.0, -6.0).to(x))
+    assert float(found.color[0, :, edge].min()) > 0.75
+
+
 @pytest.mark.parametrize("kind", ["steps", "checkerboard", "random"])
 def test_white_hides_white_and_what_is_hidden_is_farther(kind: str) -> None:
     radius = RADII[kind](SIZE)
