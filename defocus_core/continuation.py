@@ -1,8 +1,9 @@
 """A smooth continuation of a picture to pixels that have no value: push and pull.
 
 Values are averaged to half resolution again and again, by the weight they have; then each level
-fills from the next coarser one what it lacks (Gortler et al. 1996). Only blocks around the pixels
-that ask are computed, and only as many levels as they ask for.
+fills from the next coarser one what it lacks (Gortler et al. 1996). The averages overlap: a pixel
+is continued alike wherever it lies among the cells. Only blocks around the pixels that ask are
+computed, and only as many levels as they ask for.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
-from defocus_core.halving import Axis, halved
+from defocus_core.halving import Axis, pulled
 
 # Cells of the coarsest level on a side of a block, and those around it from which light comes.
 _CELLS = 8
-_AROUND = 2
+_AROUND = 3
 # Values come from this many px times 2^level away at most.
 REACH = 4
 # Samples continued at once: bounds memory.
@@ -58,8 +59,9 @@ def continued(
     ends = torch.bincount(of, minlength=len(keys)).cumsum(0).tolist()
     first_of = order[torch.tensor([0, *ends[:-1]], device=at.device)]
     rows, columns, limits = row[first_of], column[first_of], border[first_of]
-    found = values[0].new_zeros(len(at), sum(map(len, values)))
-    weight = values[0].new_zeros(len(at))
+    picture = torch.cat([*values, torch.ones_like(rank)[None]])
+    found = picture.new_zeros(len(at), len(picture) - 1)
+    weight = picture.new_zeros(len(at))
     start = 0
     for first, last in _batches(len(ends), size[0] * size[1]):
         some = order[start : ends[last - 1]]
@@ -68,7 +70,7 @@ def continued(
             cut.first + number[first:last] * cut.side
             for cut, number in zip(cuts, (rows, columns), strict=True)
         ]
-        result = _blocks(values, rank, origin, size, limits[first:last], level, middle)
+        result = _blocks(picture, rank, origin, size, limits[first:last], level, middle)
         number = of[some] - first
         places = [at[some, d] - origin[d][number] for d in (0, 1)]
         sampled = _sampled(result, number, places, middle)
@@ -117,7 +119,7 @@ def _batches(count: int, samples: int) -> Iterator[tuple[int, int]]:
 
 
 def _blocks(
-    values: Sequence[Tensor],
+    picture: Tensor,
     rank: Tensor,
     origin: list[Tensor],
     size: tuple[int, int],
@@ -128,7 +130,7 @@ def _blocks(
     """Continued values and whether there were some, of m blocks at half resolution.
 
     Args:
-        values: Pictures [k, H, W], K channels in all.
+        picture: [K + 1, H, W], the last channel is 1.
         rank: [H, W].
         origin: First row and first column of each block, [m] both.
         size: (height, width) of all.
@@ -140,16 +142,13 @@ def _blocks(
         [m, K + 1, h, w].
     """
     corners = list(zip(*(corner.tolist() for corner in origin), strict=True))
-    weight = torch.stack([_cut(rank[None], corner, size, -torch.inf) for corner in corners])
-    weight = (weight > border[:, None, None, None]).to(rank.dtype)
-    parts = [
-        torch.stack([_cut(picture, corner, size, 0.0) for corner in corners]) for picture in values
-    ]
-    pixels = torch.cat([*(part * weight for part in parts), weight], 1)
+    ranks = torch.stack([_cut(rank, corner, size, -torch.inf) for corner in corners])
+    pixels = torch.stack([_cut(picture, corner, size, 0.0) for corner in corners])
+    pixels = pixels.mul_((ranks > border[:, None, None])[:, None])
     odd = (middle[0].odd, middle[1].odd)
     levels: list[Tensor] = []
     for _ in range(level):
-        pixels = halved(pixels, odd)
+        pixels = pulled(pixels, odd)
         pixels = pixels / pixels[:, -1:].clamp(min=1)
         levels.append(pixels)
     found = _averaged(levels.pop())

@@ -102,15 +102,38 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
     """Sums [..., h, w] of the pixels [..., H, W] that make one of half resolution."""
     for dim in (-2, -1):  # rows first: they lie together
+        values = _halved(values, dim, odd[dim])
+    return values
+
+
+def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
+    """The same along one axis."""
+    even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
+    other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
+    if not odd:
+        return even + other
+    half = other / 2
+    before = (1, 0) if dim == -1 else (0, 0, 1, 0)
+    after = (0, 1) if dim == -1 else (0, 0, 0, 1)
+    return even + pad(half, before) + pad(half, after)
+
+
+def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
+    """Sums [..., h, w] of pixels [..., H, W] in cells that overlap (Burt 1981).
+
+    As `halved`, but of an even length a pixel counts by 3/4 in its own cell and by 1/4 in the one
+    next to it. What lies outside counts as 0.
+    """
+    for dim in (-2, -1):
+        if odd[dim]:
+            values = _halved(values, dim, odd[dim])
+            continue
         even = values[..., 0::2] if dim == -1 else values[..., 0::2, :]
         other = values[..., 1::2] if dim == -1 else values[..., 1::2, :]
-        if odd[dim]:
-            half = other / 2
-            before = (1, 0) if dim == -1 else (0, 0, 1, 0)
-            after = (0, 1) if dim == -1 else (0, 0, 0, 1)
-            values = even + pad(half, before) + pad(half, after)
-        else:
-            values = even + other
+        n = even.shape[dim] - 1
+        values = (even + other).mul_(0.75)
+        values.narrow(dim, 1, n).add_(other.narrow(dim, 0, n), alpha=0.25)
+        values.narrow(dim, 0, n).add_(even.narrow(dim, 1, n), alpha=0.25)
     return values
 
 

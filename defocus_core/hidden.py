@@ -32,8 +32,9 @@ from defocus_core.transport import structure, transported
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
 STEP = 0.51
-# Where between a near and a far radius a border may be that tells them apart.
-_WELL_BETWEEN = (0.1, 0.4)
+# Where between a near and a far radius a border may be that tells them apart: where the far one is
+# shown with more than half of its distance left, and where with less.
+_WELL_BETWEEN, _ALMOST_HIDDEN = (0.25, 0.5), (0.1, 0.25)
 # Px from the farther surface up to which it is continued from full resolution, over 2^FINE px;
 # what is deeper comes from the backdrop.
 _SHALLOW = 10.0
@@ -108,7 +109,7 @@ def hidden_layer(
     if not len(index):
         return None
     near, far, cone = (x.flatten().index_select(0, index) for x in (inside, source, shown))
-    border = _border(near, far)
+    border = _border(near, far, cone)
     y = index.div(wanted.width, rounding_mode="floor")
     at = torch.stack([y + wanted.top, index - y * wanted.width + wanted.left], 1)
     values = (image, signed_radius[None])
@@ -202,9 +203,18 @@ def _cells(at: Tensor, border: Tensor, middle: tuple[Axis, Axis]) -> _Cells:
     return _Cells(torch.stack(places, 1), borders[some - cell * len(borders)], number)
 
 
-def _border(near: Tensor, far: Tensor) -> Tensor:
-    """A radius well between each near and far one [n], of few different ones."""
-    low, high = (near + (far - near) * share for share in _WELL_BETWEEN)
+def _border(near: Tensor, far: Tensor, shown: Tensor) -> Tensor:
+    """A radius well between each near and far one [n], of few different ones.
+
+    It is up to half of what is left of the far one's reach. A surface in front of an edge may rise
+    towards it, like the top of a box seen from above: it hides nothing of itself, and a border but
+    a little above the near radius would take its far end for what is hidden.
+    """
+    lasting = shown - near > (far - near) / 2
+    low, high = (
+        near + (far - near) * torch.where(lasting, most, least)
+        for most, least in zip(_WELL_BETWEEN, _ALMOST_HIDDEN, strict=True)
+    )
     middle, reach = (low + high) / 2, (high - low) / 2
     border = (middle * _GRAINS).round() / _GRAINS
     found = torch.zeros_like(border, dtype=torch.bool)
