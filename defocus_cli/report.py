@@ -18,13 +18,15 @@ from defocus_cli.files import spoken
 from defocus_cli.quantities import Percentile, length_text
 
 if TYPE_CHECKING:
-    from defocus_cli.inspection import DepthFound, Inspection
+    from defocus_cli.inspection import DepthFound, Inspection, MapFound
     from defocus_cli.job import Job, Lens
 
 _MAP_WORDS = {
     "coc": "CoC map (signed radius, negative nearer than the focus)",
     "disparity": "disparity map (between left and right, signed like the CoC)",
+    "trust": "trust map (share of the lens that saw what the picture holds)",
 }
+_MAP_UNITS = {"coc": " px", "disparity": " px", "trust": ""}
 
 
 @cache
@@ -199,7 +201,7 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
         "color_note": found.color_note,
         "depth": None,
         "depth_note": found.depth_note,
-        "maps": [{"kind": shown.kind, "range_px": shown.range_px} for shown in found.maps],
+        "maps": [_map_record(shown) for shown in found.maps],
     }
     if found.color is not None:
         record["color"] = {
@@ -218,6 +220,11 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
     return record
 
 
+def _map_record(shown: MapFound) -> dict[str, Any]:
+    unit = _MAP_UNITS[shown.kind].strip()
+    return {"kind": shown.kind, f"range_{unit}" if unit else "range": shown.range}
+
+
 def inspection_lines(found: Inspection) -> Iterator[str]:
     """What is in a file, in words."""
     info = found.info
@@ -228,8 +235,8 @@ def inspection_lines(found: Inspection) -> Iterator[str]:
         yield f"  {named if len(info.parts) > 1 else ''}{channels}{', deep' if part.deep else ''}"
     for shown in found.maps:
         reach = "no finite pixel"
-        if shown.range_px is not None:
-            reach = f"{shown.range_px[0]:.2f} to {shown.range_px[1]:.2f} px"
+        if shown.range is not None:
+            reach = f"{shown.range[0]:.2f} to {shown.range[1]:.2f}{_MAP_UNITS[shown.kind]}"
         yield f"  {_MAP_WORDS[shown.kind]}: {reach}"
     if found.maps and found.color is None and found.depth is None:
         return
