@@ -228,6 +228,14 @@ def test_focus_nearer_than_the_focal_length(color: Path, depth: Path, out: Path)
     refused(ran, 2, "defocus: --focus: 30mm", "focal length 50mm")
 
 
+def test_a_blur_beyond_all_numbers(color: Path, depth: Path, out: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1e-300", "--focus", "2m")
+    told = ("defocus: --fnumber: f/1e-300 blurs beyond all numbers", "; check the lens options")
+    refused(run("render", color, depth, "-o", out, *lens), 2, *told)
+    assert not out.exists()
+    refused(run("info", depth, *lens), 2, *told)
+
+
 def test_focus_at_a_depth_nearer_than_the_focal_length(
     tmp_path: Path, color: Path, out: Path
 ) -> None:
