@@ -95,8 +95,7 @@ def plan_record(job: Job) -> dict[str, Any]:
     """What a job would read and write."""
     return {
         "stem": job.sample_id,
-        "color": str(job.picture.color),
-        "depth": str(job.picture.depth),
+        **{role: str(path) for role, path in job.picture.files.items()},
         "lens": lens_record(job.lens),
         "outputs": {kind: str(path) for kind, path in job.paths.items()},
         "previews": {kind: str(path) for kind, path in job.previews.items()},
@@ -105,7 +104,7 @@ def plan_record(job: Job) -> dict[str, Any]:
 
 def plan_line(job: Job) -> str:
     """What a job would read and write, in words."""
-    inputs = dict.fromkeys([str(job.picture.color), str(job.picture.depth)])
+    inputs = dict.fromkeys(map(str, job.picture.files.values()))
     return (
         f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
         f"would write {_written_words(job)}"
