@@ -127,11 +127,14 @@ def display_encoded(
 
     colour = np.asarray(pixels, np.float32)
     alpha = None
+    white: Any = np.float32(1.0)
     if channels[-1] == "A":
         colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
-        if keep_alpha:
-            colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
-    clipped = int(np.count_nonzero((colour > 1.0 + _ROUNDING).any(axis=2)))
+        white = alpha if keep_alpha else white
+    # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
+    clipped = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
+    if alpha is not None and keep_alpha:
+        colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     encoded = quantised(linear_to_srgb(colour), bits)
     if alpha is not None and keep_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)

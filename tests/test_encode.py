@@ -232,3 +232,10 @@ def test_the_largest_of_all_floats_is_white_without_a_word() -> None:
     encoded, clipped = display_encoded(glare, "RGB", 8, keep_alpha=True)
     assert (encoded == 255).all()
     assert clipped == 1
+
+
+def test_rounding_where_nothing_is_seen_is_not_clipped() -> None:
+    nearly_clear = np.array([[[5e-9, 0, 0, 1e-9], [0.2, 0, 0, 0.1]]], np.float32)
+    encoded, clipped = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
+    assert clipped == 1, "the second one alone"
+    assert encoded[0, :, 3].tolist() == [0, 26]
