@@ -39,6 +39,7 @@ class Told:
         self.records: dict[str, dict[str, Any]] = {}
         self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
         self._bar: Any = None
+        self._afterwards: list[str] = []
 
     def planned(self, plan: Plan) -> None:
         """Say what was done before."""
@@ -50,7 +51,11 @@ class Told:
         if not self._each and plan.settled:
             report.say(f"{len(plan.settled)} jobs done before, {len(plan.todo)} to do")
         if plan.changed:
-            report.say(f"done again, as inputs, settings or outputs changed: {plan.changed}")
+            line = f"done again, as inputs, settings or outputs changed: {plan.changed}"
+            if len(plan.todo) > 1 or not self._each:
+                report.say(line)
+            else:  # if it fails, nothing is done again, and its error is the one line to say
+                self._afterwards.append(line)
         if self._bar is not None and plan.todo:
             with spoken():
                 self._bar.reset(len(plan.todo))
@@ -62,6 +67,8 @@ class Told:
         lines = list(report.outcome_lines(job, record, result, verbose=self._verbose))
         if self._stats and record["status"] == "ok":
             lines += stats_table.lines(result["stats"])
+        if record["status"] == "ok":
+            lines += self._afterwards
         for line in lines if self._each or record["status"] != "ok" else ():
             report.say(line)
         if self._bar is not None:

@@ -81,11 +81,12 @@ def deliver(
                     bits=16 if outputs.format == "png16" else 8,
                     attributes={**color.attributes, **attributes},
                     extras=color.extras,
+                    corner=color.corner,
                     clamped=clamped.get(kind, 0),
                 )
                 warnings += [f"{kind}: {warning}" for warning in lost]
             else:
-                write_map(path, maps[kind], kind, attributes=attributes)
+                write_map(path, maps[kind], kind, attributes=attributes, corner=color.corner)
             written.placed(path)
             if kind in previews:
                 written.begin(previews[kind])

@@ -45,6 +45,7 @@ def write_image(
     bits: int = 8,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
+    corner: tuple[int, int] = (0, 0),
     clamped: int = 0,
 ) -> list[str]:
     """Write an image.
@@ -58,6 +59,7 @@ def write_image(
         bits: 8 or 16, of a PNG.
         attributes: EXR metadata; other formats keep those that start with ``defocus:``.
         extras: further EXR channels, written with their own types; other formats drop them.
+        corner: x and y of an EXR's first pixel.
         clamped: pixels that had to be clamped to be half.
 
     Returns:
@@ -72,7 +74,7 @@ def write_image(
         if exr_type == "half" and pixels.dtype == "f4":
             clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
-        write_exr(path, {**(extras or {}), **named}, attributes)
+        write_exr(path, {**(extras or {}), **named}, attributes, corner)
         warning = f"{clamped} pixels beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
@@ -100,13 +102,20 @@ def write_image(
     return warnings
 
 
-def write_map(path: Path, values: Any, channel: str, *, attributes: Mapping[str, object]) -> None:
-    """Write a float32 EXR with one channel, values [H, W].
+def write_map(
+    path: Path,
+    values: Any,
+    channel: str,
+    *,
+    attributes: Mapping[str, object],
+    corner: tuple[int, int] = (0, 0),
+) -> None:
+    """Write a float32 EXR with one channel, values [H, W], the first of them at x, y = ``corner``.
 
     Raises:
         InputError: the file cannot be written.
     """
-    write_exr(path, {channel: values}, attributes)
+    write_exr(path, {channel: values}, attributes, corner)
 
 
 def display_encoded(
@@ -127,11 +136,14 @@ def display_encoded(
 
     colour = np.asarray(pixels, np.float32)
     alpha = None
+    white: Any = np.float32(1.0)
     if channels[-1] == "A":
         colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
-        if keep_alpha:
-            colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
-    clipped = int(np.count_nonzero((colour > 1.0 + _ROUNDING).any(axis=2)))
+        white = alpha if keep_alpha else white
+    # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
+    clipped = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
+    if alpha is not None and keep_alpha:
+        colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     encoded = quantised(linear_to_srgb(colour), bits)
     if alpha is not None and keep_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)

@@ -162,6 +162,9 @@ def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tu
         unit=reading.depth_unit,
         keeping=keeping,
     )
+    if shared and len(color.channels) == 1 and not color.extras:
+        problem = f"has {depth.channel} alone, which is not both colour and depth"
+        raise InputError(picture.color, problem, "give the depth file as a second argument")
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     if (height, width) != (rows, columns):
         raise InputError(

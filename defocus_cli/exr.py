@@ -180,7 +180,12 @@ def _carriable(name: str, value: object) -> bool:
     return isinstance(value, kinds)
 
 
-def write_exr(path: Path, channels: Mapping[str, Any], attributes: Mapping[str, object]) -> None:
+def write_exr(
+    path: Path,
+    channels: Mapping[str, Any],
+    attributes: Mapping[str, object],
+    corner: tuple[int, int] = (0, 0),
+) -> None:
     """Write one part whose pixel types are those of the arrays.
 
     Args:
@@ -188,6 +193,7 @@ def write_exr(path: Path, channels: Mapping[str, Any], attributes: Mapping[str, 
         channels: name to float16, float32 or uint32 array [H, W], of which some rows are looked at
             at a time.
         attributes: header metadata; `STRUCTURAL` names are ignored.
+        corner: x and y of the first pixel of both windows.
 
     Raises:
         InputError: the file cannot be written.
@@ -207,7 +213,8 @@ def write_exr(path: Path, channels: Mapping[str, Any], attributes: Mapping[str, 
         for y in range(0, height, each)
     )
     with written_whole(path) as file, quiet():
-        write_strips(file, header, (width, height), parts)
+        x, y = corner
+        write_strips(file, header, Window(x, y, x + width - 1, y + height - 1), parts)
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from defocus_cli.exr_header import MAGIC, attributes_of
+from defocus_cli.exr_header import MAGIC, Window, attributes_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -153,7 +153,7 @@ def _alone(file: BinaryIO, chunks: Chunks, first: int, last: int) -> bytes:
 def write_strips(
     file: BinaryIO,
     header: Mapping[str, object],
-    size: tuple[int, int],
+    window: Window,
     parts: Iterable[dict[str, NDArray[Any]]],
 ) -> None:
     """Write ZIP compressed scan lines, as OpenEXR would at once.
@@ -161,16 +161,15 @@ def write_strips(
     Args:
         file: to write to, at its beginning.
         header: as OpenEXR takes it, windows left out.
-        size: (width, height).
+        window: that is written and displayed.
         parts: the channels of strip after strip, each of a multiple of `ZIP_ROWS` rows but the
             last.
     """
     import OpenEXR
 
-    width, height = size
-    whole = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    whole = struct.pack("<4i", window.x0, window.y0, window.x1, window.y1)
     offsets: list[int] = []
-    row = 0
+    row = window.y0
     for channels in parts:
         encoded = io.BytesIO()
         OpenEXR.File(dict(header), dict(channels)).write(encoded)  # changes what it is given
@@ -183,7 +182,7 @@ def write_strips(
             (version,) = struct.unpack_from("<I", encoded.getvalue(), 4)
             file.write(_header(sized, version))
             table = file.tell()
-            file.write(bytes(8 * -(-height // ZIP_ROWS)))
+            file.write(bytes(8 * -(-window.height // ZIP_ROWS)))
         for chunk in chunks:
             offsets.append(file.tell())
             file.write(struct.pack("<i", row + struct.unpack_from("<i", chunk)[0]))

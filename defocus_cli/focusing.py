@@ -58,7 +58,12 @@ def focused(lens: Lens, depth: Depth) -> Lens:
 def signed_radius(
     lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
+    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height).
+
+    Raises:
+        UsageProblem: there is no such lens, or its blur is beyond all numbers.
+    """
+    import numpy as np
     import torch
 
     from defocus_core import DefocusLens
@@ -72,6 +77,9 @@ def signed_radius(
     except ValueError as error:
         raise UsageProblem("--focus", reason(error), "check the lens options") from error
     radius: NDArray[np.float32] = thin.signed_radius(depth_mm).float().numpy()
+    if not np.isfinite(radius).all():
+        problem = f"f/{lens.fnum:g} blurs beyond all numbers in this picture"
+        raise UsageProblem("--fnumber", problem, "check the lens options and the depth's unit")
     return radius
 
 

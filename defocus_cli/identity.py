@@ -22,7 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.job import Job, Picture
+from defocus_cli.job import Job
 from defocus_cli.plain import plain
 from defocus_cli.report import version
 
@@ -30,14 +30,6 @@ DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than file systems count in
 Stamp = Mapping[str, Any]
 _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
-
-
-def sources(picture: Picture) -> dict[str, Path]:
-    """The files of a picture by role: color, depth; hidden_color, hidden_depth if it has any."""
-    files = {"color": picture.color, "depth": picture.depth}
-    if picture.hidden is not None:
-        files |= {"hidden_color": picture.hidden.color, "hidden_depth": picture.hidden.depth}
-    return files
 
 
 def settings(job: Job) -> dict[str, Any]:
@@ -57,7 +49,7 @@ def settings(job: Job) -> dict[str, Any]:
 
 def recipe(job: Job) -> str:
     """The hash of all that decides the outputs of a job, but what its inputs hold."""
-    names = {role: path.name for role, path in sources(job.picture).items()}
+    names = {role: path.name for role, path in job.picture.files.items()}
     return digest({"settings": settings(job), "names": names, "version": core_version()})
 
 

@@ -38,6 +38,7 @@ class Color:
         path: the file.
         attributes: EXR metadata for the output to carry.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
+        corner: x and y of the first pixel, for an EXR output to be where the input is.
     """
 
     planes: tuple[Any, ...]
@@ -45,6 +46,7 @@ class Color:
     path: Path
     attributes: dict[str, object] = field(default_factory=dict)
     extras: dict[str, Any] = field(default_factory=dict)
+    corner: tuple[int, int] = (0, 0)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -166,6 +168,7 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
         path=path,
         attributes=own.attributes,
         extras=_extras(parts, chosen),
+        corner=(chosen.header.display.x0, chosen.header.display.y0),
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from defocus_cli.errors import InputError
-from defocus_cli.job import Lens, Reading
+from defocus_cli.job import MAP_KINDS, Lens, Reading
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,10 +40,10 @@ class DepthFound:
 
 @dataclass(frozen=True)
 class MapFound:
-    """A map in px that ``defocus render`` wrote."""
+    """A map that ``defocus render`` wrote."""
 
-    kind: str  # coc or disparity
-    range_px: tuple[float, float] | None  # None where no pixel is finite
+    kind: str  # of `MAP_KINDS`
+    range: tuple[float, float] | None  # in px, shares for trust; None where no pixel is finite
 
 
 @dataclass(frozen=True)
@@ -127,13 +127,12 @@ def _maps(info: FileInfo) -> tuple[MapFound, ...]:
     import numpy as np
 
     from defocus_cli.exr import read_parts
-    from defocus_cli.layers import MAPS
 
-    if not any(name in MAPS for part in info.parts for name, _ in part.channels):
+    if not any(name in MAP_KINDS for part in info.parts for name, _ in part.channels):
         return ()
     found = []
     for part in read_parts(info.path):
-        for kind in [name for name in MAPS if name in part.channels]:
+        for kind in [name for name in MAP_KINDS if name in part.channels]:
             finite = part.channels[kind][np.isfinite(part.channels[kind])]
             reach = (float(finite.min()), float(finite.max())) if finite.size else None
             found.append(MapFound(kind, reach))

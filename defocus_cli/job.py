@@ -36,6 +36,14 @@ class Picture:
     depth: Path
     hidden: Picture | None = None
 
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its files by role: color, depth; hidden_color, hidden_depth if it has any."""
+        files = {"color": self.color, "depth": self.depth}
+        if self.hidden is not None:
+            files |= {"hidden_color": self.hidden.color, "hidden_depth": self.hidden.depth}
+        return files
+
 
 @dataclass(frozen=True)
 class Lens:

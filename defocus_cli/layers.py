@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from defocus_cli.errors import InputError
+from defocus_cli.job import MAP_KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from defocus_cli.exr_header import Header
 
-MAPS = ("coc", "disparity")  # in px, which `defocus render` itself writes so: no depth
 _FLATTEN = "flatten it first, for example with oiiotool --flatten"
 
 
@@ -91,7 +91,7 @@ def choose_depth(
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
-    if not candidates and len(every) == 1 and every[0].name not in MAPS:
+    if not candidates and len(every) == 1 and every[0].name not in MAP_KINDS:
         candidates = every
     if len(candidates) > 1:
         # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".

@@ -56,7 +56,7 @@ class Ledger:
             return None
         if record["status"] == "failed" or record["recipe"] != recipe:
             return None
-        for role, path in identity.sources(job.picture).items():
+        for role, path in job.picture.files.items():
             stamp = record["inputs"].get(role, {})
             if not path.exists() and record["status"] == "ok":
                 continue  # what is gone cannot make anything else of the outputs

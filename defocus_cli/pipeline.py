@@ -18,7 +18,6 @@ from defocus_cli.work import Computed, Ready, Result, TileCount
 
 Numbered = tuple[int, Job]
 Done = Callable[[int, Result], None]
-_WAIT = 60.0  # seconds for a write to come to its end when all else has stopped
 
 
 def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None) -> None:
@@ -39,8 +38,10 @@ def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None)
         for number, ready in ahead:
             behind.put(number, ready.result or work.compute(ready, progress))
     finally:
-        ahead.stop()
-        behind.close()
+        try:
+            ahead.stop()
+        finally:
+            behind.close()
     behind.check()
 
 
@@ -51,6 +52,7 @@ class _Ahead:
         self._jobs, self._gate = jobs, gate
         self._room = threading.Semaphore(1)
         self._queue: SimpleQueue[tuple[int, Ready] | BaseException | None] = SimpleQueue()
+        self._decoding = threading.Lock()
         self._stopped = False
         threading.Thread(target=self._read, name="reader", daemon=True).start()
 
@@ -62,10 +64,15 @@ class _Ahead:
             yield item
 
     def stop(self) -> None:
-        """Read nothing more."""
+        """Read nothing more, and wait for what is being decoded.
+
+        A decoder written in C that outlives Python aborts the process.
+        """
         self._stopped = True
         self._room.release()
         self._gate.open()
+        with self._decoding:
+            pass
 
     def _read(self) -> None:
         reader = work.Reader()
@@ -73,9 +80,12 @@ class _Ahead:
             for number, job in self._jobs:
                 self._room.acquire()
                 self._gate.enter(number, job)
-                if self._stopped:
-                    return
-                self._queue.put((number, reader.read(job)))
+                with self._decoding:
+                    if self._stopped:
+                        return
+                    ready = reader.read(job)
+                self._queue.put((number, ready))
+                del ready
         except BaseException as error:
             self._queue.put(error)
         finally:
@@ -90,8 +100,8 @@ class _Behind:
         self._room = threading.Semaphore(1)
         self._queue: SimpleQueue[tuple[int, Computed | Result] | None] = SimpleQueue()
         self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._write, name="writer", daemon=True)
-        self._thread.start()
+        self._ended = threading.Event()  # a join that a signal interrupts cannot be tried again
+        threading.Thread(target=self._write, name="writer", daemon=True).start()
 
     def put(self, number: int, computed: Computed | Result) -> None:
         self._room.acquire()
@@ -104,9 +114,16 @@ class _Behind:
             raise self._error
 
     def close(self) -> None:
-        """Wait until all is written."""
+        """Wait until all is written, even if a signal comes meanwhile: nothing stays half-written.
+
+        A second signal ends the waiting.
+        """
         self._queue.put(None)
-        self._thread.join(_WAIT)
+        try:
+            self._ended.wait()
+        except BaseException:
+            self._ended.wait()
+            raise
 
     def _write(self) -> None:
         while (item := self._queue.get()) is not None:
@@ -120,3 +137,4 @@ class _Behind:
             finally:
                 self._gate.leave(number)
                 self._room.release()
+        self._ended.set()

@@ -18,13 +18,15 @@ from defocus_cli.files import spoken
 from defocus_cli.quantities import Percentile, length_text
 
 if TYPE_CHECKING:
-    from defocus_cli.inspection import DepthFound, Inspection
+    from defocus_cli.inspection import DepthFound, Inspection, MapFound
     from defocus_cli.job import Job, Lens
 
 _MAP_WORDS = {
     "coc": "CoC map (signed radius, negative nearer than the focus)",
     "disparity": "disparity map (between left and right, signed like the CoC)",
+    "trust": "trust map (share of the lens that saw what the picture holds)",
 }
+_MAP_UNITS = {"coc": " px", "disparity": " px", "trust": ""}
 
 
 @cache
@@ -93,8 +95,7 @@ def plan_record(job: Job) -> dict[str, Any]:
     """What a job would read and write."""
     return {
         "stem": job.sample_id,
-        "color": str(job.picture.color),
-        "depth": str(job.picture.depth),
+        **{role: str(path) for role, path in job.picture.files.items()},
         "lens": lens_record(job.lens),
         "outputs": {kind: str(path) for kind, path in job.paths.items()},
         "previews": {kind: str(path) for kind, path in job.previews.items()},
@@ -103,7 +104,7 @@ def plan_record(job: Job) -> dict[str, Any]:
 
 def plan_line(job: Job) -> str:
     """What a job would read and write, in words."""
-    inputs = dict.fromkeys([str(job.picture.color), str(job.picture.depth)])
+    inputs = dict.fromkeys(map(str, job.picture.files.values()))
     return (
         f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
         f"would write {_written_words(job)}"
@@ -199,7 +200,7 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
         "color_note": found.color_note,
         "depth": None,
         "depth_note": found.depth_note,
-        "maps": [{"kind": shown.kind, "range_px": shown.range_px} for shown in found.maps],
+        "maps": [_map_record(shown) for shown in found.maps],
     }
     if found.color is not None:
         record["color"] = {
@@ -218,6 +219,11 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
     return record
 
 
+def _map_record(shown: MapFound) -> dict[str, Any]:
+    unit = _MAP_UNITS[shown.kind].strip()
+    return {"kind": shown.kind, f"range_{unit}" if unit else "range": shown.range}
+
+
 def inspection_lines(found: Inspection) -> Iterator[str]:
     """What is in a file, in words."""
     info = found.info
@@ -228,8 +234,8 @@ def inspection_lines(found: Inspection) -> Iterator[str]:
         yield f"  {named if len(info.parts) > 1 else ''}{channels}{', deep' if part.deep else ''}"
     for shown in found.maps:
         reach = "no finite pixel"
-        if shown.range_px is not None:
-            reach = f"{shown.range_px[0]:.2f} to {shown.range_px[1]:.2f} px"
+        if shown.range is not None:
+            reach = f"{shown.range[0]:.2f} to {shown.range[1]:.2f}{_MAP_UNITS[shown.kind]}"
         yield f"  {_MAP_WORDS[shown.kind]}: {reach}"
     if found.maps and found.color is None and found.depth is None:
         return

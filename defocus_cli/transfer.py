@@ -23,7 +23,7 @@ def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     import numpy as np
 
     value = np.maximum(linear, np.float32(0.0))
-    toe = value * np.float32(12.92)
+    toe = np.minimum(value, np.float32(1.0)) * np.float32(12.92)  # what is near the largest float
     curve = np.float32(1.055) * value ** np.float32(1 / 2.4) - np.float32(0.055)
     return np.where(value <= np.float32(0.0031308), toe, curve)
 

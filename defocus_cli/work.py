@@ -62,7 +62,7 @@ class Reader:
         start = time.perf_counter()
         stamps: dict[str, Any] = {}
         try:
-            for role, path in identity.sources(job.picture).items():
+            for role, path in job.picture.files.items():
                 with suppress(OSError):  # the decoder says it better
                     stamps[role] = identity.settled_stamp(path)
             loaded = engine.load_inputs(job)

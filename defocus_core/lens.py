@@ -194,6 +194,10 @@ class DefocusLens(ThinLens):
 
 def _fitted(radius: Tensor, ks: int, aperture: Aperture, part: Part) -> Tensor:
     """The kernel of each radius, refused where it would be cut off."""
+    if ks < 1 or ks != int(ks):
+        raise ValueError(
+            f"ks must be a whole number of px, at least 1, got {ks}; the default is 64"
+        )
     diameters = 2 * radius.detach().abs()
     if bool((diameters > ks * (1 + 1e-6)).any()):  # what rounding adds is no reason to refuse
         widest = diameters.max()

@@ -89,7 +89,7 @@ def _pretended(job: Job, out: Path) -> dict[str, Any]:
         "status": "ok",
         "reason": None,
         "message": "",
-        "inputs": {r: identity.stamp(p) for r, p in identity.sources(job.picture).items()},
+        "inputs": {r: identity.stamp(p) for r, p in job.picture.files.items()},
         "outputs": outputs,
         "lens": lens_record(job.lens),
         "size": [1, 1],

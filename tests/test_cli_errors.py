@@ -130,6 +130,14 @@ def test_a_part_is_chosen_where_there_are_several(tmp_path: Path, depth: Path, o
     refused(render(path, depth, "-o", out / "more", "--part", "2"), 3, f"{path}: has no part 2")
 
 
+def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> None:
+    for name in ("Y", "pass.y"):
+        grey = write_exr(tmp_path / "grey.exr", **{name: texture()[..., 0] + 1})
+        for more in ((), ("--dry-run",)):
+            ran = render(grey, "-o", out, *more)
+            refused_input(ran, grey, f"has {name} alone", "second argument")
+
+
 def test_sizes_that_differ(tmp_path: Path, color: Path, out: Path) -> None:
     small = depth_exr(tmp_path / "small.exr", ramp(12, 16))
     refused_input(render(color, small, "-o", out), small, "12x16", "24x16", str(color))
@@ -226,6 +234,14 @@ def test_a_length_without_unit(color: Path, depth: Path, out: Path) -> None:
 def test_focus_nearer_than_the_focal_length(color: Path, depth: Path, out: Path) -> None:
     ran = render(color, depth, "-o", out, "--focus", "30mm")
     refused(ran, 2, "defocus: --focus: 30mm", "focal length 50mm")
+
+
+def test_a_blur_beyond_all_numbers(color: Path, depth: Path, out: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1e-300", "--focus", "2m")
+    told = ("defocus: --fnumber: f/1e-300 blurs beyond all numbers", "; check the lens options")
+    refused(run("render", color, depth, "-o", out, *lens), 2, *told)
+    assert not out.exists()
+    refused(run("info", depth, *lens), 2, *told)
 
 
 def test_focus_at_a_depth_nearer_than_the_focal_length(

@@ -66,6 +66,15 @@ def test_trust_is_a_float_map_of_shares(tmp_path: Path) -> None:
     assert known[CARD][:, 0].mean() > trust[CARD][:, 0].mean() + 0.05
 
 
+def test_a_dry_run_says_that_the_hidden_files_would_be_read(tmp_path: Path) -> None:
+    hidden = behind(tmp_path)
+    args = (*scene(tmp_path), "-o", tmp_path / "out", "--hidden", *hidden, "--dry-run")
+    told = render(*args).out
+    assert all(str(path) in told for path in hidden)
+    (planned,) = render(*args, "--json").json["pictures"]
+    assert (planned["hidden_color"], planned["hidden_depth"]) == tuple(map(str, hidden))
+
+
 def test_hidden_directories_pair_by_stem(tmp_path: Path) -> None:
     for stem in ("a", "b"):
         files, hidden = scene(tmp_path, stem), behind(tmp_path, stem)

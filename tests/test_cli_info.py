@@ -12,6 +12,7 @@ from command_line import (
     WIDTH,
     color_exr,
     depth_exr,
+    pair,
     ramp,
     read_exr,
     refused,
@@ -103,6 +104,20 @@ def test_a_map_that_render_wrote_is_told_with_its_range(kind: str, tmp_path: Pat
     assert words in told.out
     assert f"{written.min():.2f} to {written.max():.2f} px" in told.out
     assert "no depth" not in told.out
+
+
+def test_a_trust_map_is_no_depth(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    render(color, depth, "-o", tmp_path / "out", "--outputs", "trust")
+    path = tmp_path / "out" / "trust" / "a.exr"
+    (record,) = run("info", "--json", path).json["files"]
+    assert record["depth"] is None
+    (map_,) = record["maps"]
+    assert map_["kind"] == "trust"
+    assert 0 < map_["range"][0] <= map_["range"][1] == 1
+    assert "trust map (share of the lens" in run("info", path).out
+    ran = render(color, path, "-o", tmp_path / "again")
+    refused(ran, 3, "no depth channel, only trust")
 
 
 def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path: Path) -> None:

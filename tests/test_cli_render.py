@@ -27,7 +27,7 @@ from command_line import (
     thin_lens_radius,
     write_exr,
 )
-from image_files import multi_part, save
+from image_files import box, multi_part, save, write_window
 
 import defocus_core
 from defocus_cli import engine
@@ -129,6 +129,22 @@ def test_one_exr_with_depth_is_as_good_as_two_files(tmp_path: Path) -> None:
     for name in "RGB":
         np.testing.assert_array_equal(one[name], two[name])
         np.testing.assert_array_equal(one[name], many[name])
+
+
+def test_an_output_exr_lies_where_the_display_window_of_the_input_does(tmp_path: Path) -> None:
+    height = 40  # several chunks
+    rgb, metres = texture(WIDTH, height), ramp(WIDTH, height)
+    planes = {**dict(zip("RGB", np.moveaxis(rgb, 2, 0).copy(), strict=True)), "Z": metres}
+    data, display = box(-7, -5, WIDTH - 8, height - 6), box(-5, -4, WIDTH - 10, height - 8)
+    write_window(tmp_path / "a.exr", planes, data, display)
+    render(tmp_path / "a.exr", "-o", tmp_path / "out", "--outputs", EVERYTHING)
+    for kind in KINDS:
+        path = tmp_path / "out" / kind / "a.exr"
+        said = header(path)
+        for name in ("dataWindow", "displayWindow"):
+            np.testing.assert_array_equal(said[name], display)
+    carried = read_exr(tmp_path / "out" / "render" / "a.exr")["Z"]
+    np.testing.assert_array_equal(carried, metres[1:-2, 2:-2])
 
 
 def test_colour_and_depth_may_be_parts_of_one_exr(tmp_path: Path) -> None:

@@ -292,6 +292,19 @@ def test_a_lone_picture_that_fails_leaves_nothing(tmp_path: Path, out: Path) -> 
     assert not out.exists()
 
 
+def test_a_lone_picture_that_cannot_be_done_again_says_why_and_no_more(
+    tmp_path: Path, out: Path
+) -> None:
+    color, depth = pair(tmp_path)
+    render(color, depth, "-o", out)
+    before = (out / "render" / "a.exr").read_bytes()
+    depth_exr(depth, np.zeros_like(ramp()))
+    refused(render(color, depth, "-o", out), 3, "NaN or ≤ 0")
+    assert (out / "render" / "a.exr").read_bytes() == before
+    depth_exr(depth, ramp() + 1)
+    assert "done again, as inputs" in render(color, depth, "-o", out).err.splitlines()[-1]
+
+
 def test_a_broken_journal_stops_the_run(folders: tuple[Path, Path], out: Path) -> None:
     again(folders, out)
     journal = out / "journal.jsonl"

@@ -15,7 +15,7 @@ import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 
-from defocus_cli.encode import FORMATS, write_image, write_map
+from defocus_cli.encode import FORMATS, display_encoded, write_image, write_map
 from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.files import written_whole
 from defocus_cli.images import describe, read_color
@@ -224,3 +224,18 @@ def test_previews_are_8_bit_png(tmp_path: Path) -> None:
         assert describe(tmp_path / name).parts[0].channels == tuple(
             (channel, "uint8") for channel in "RGB"
         )
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_largest_of_all_floats_is_white_without_a_word() -> None:
+    glare = np.full((1, 1, 3), np.finfo(np.float32).max, np.float32)
+    encoded, clipped = display_encoded(glare, "RGB", 8, keep_alpha=True)
+    assert (encoded == 255).all()
+    assert clipped == 1
+
+
+def test_rounding_where_nothing_is_seen_is_not_clipped() -> None:
+    nearly_clear = np.array([[[5e-9, 0, 0, 1e-9], [0.2, 0, 0, 0.1]]], np.float32)
+    encoded, clipped = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
+    assert clipped == 1, "the second one alone"
+    assert encoded[0, :, 3].tolist() == [0, 26]

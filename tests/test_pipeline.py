@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -112,6 +113,28 @@ def test_what_the_jobs_raise_ends_the_run_after_those_before(steps: Steps) -> No
         pipeline.run(broken(), lambda number, result: done.append(number))
     assert done == [0, 1]
     assert threading.active_count() < 20
+
+
+def interrupt_after(seconds: float) -> None:
+    """Ctrl-C, at the thread that waits."""
+    asking = (threading.get_ident(), signal.SIGINT)
+    threading.Timer(seconds, signal.pthread_kill, asking).start()
+
+
+def test_ctrl_c_during_the_last_write_comes_after_it(steps: Steps) -> None:
+    done: list[int] = []
+    interrupt_after(2.5 * STEP)  # read, computed, half written
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(jobs("a"), lambda number, result: done.append(number))
+    assert done == [0]
+
+
+def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
+    interrupt_after(1.3 * STEP)  # a is computed, b decoded
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(jobs("abc"), lambda number, result: None)
+    begun = {name for event, name in steps.events if event == "read"}
+    assert begun == {name for event, name in steps.events if event == "read."}
 
 
 def test_jobs_of_one_picture_are_decoded_once(
