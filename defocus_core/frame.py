@@ -8,7 +8,7 @@ import torch
 
 from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
 from defocus_core.convolution import reach
-from defocus_core.hidden import AROUND, Behind
+from defocus_core.hidden import Behind, around
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP, evenly, layers, rungs
@@ -127,7 +127,7 @@ def frame_of(
     edges = max(seen.steepest) > 1
     margin = _NEIGHBOURHOOD + max(reaches)
     if edges:
-        margin += AROUND
+        margin += around(quality.hidden_level)
     if seen.brightest > limit:
         margin = max(margin, reached_by(max(reaches)))
     return Frame(

@@ -35,16 +35,18 @@ STEP = 0.51
 # Where between a near and a far radius a border may be that tells them apart: where the far one is
 # shown with more than half of its distance left, and where with less.
 _WELL_BETWEEN, _ALMOST_HIDDEN = (0.25, 0.5), (0.1, 0.25)
-# Px from the farther surface up to which it is continued from full resolution, over 2^FINE px;
-# what is deeper comes from the backdrop.
-_SHALLOW = 10.0
-FINE = 3
-# Px around a region from which it is continued.
-AROUND = REACH << FINE
+# Up to this times 2^level px from the farther surface it is continued from full resolution, over as
+# many levels; what is deeper comes from the backdrop.
+_SHALLOW = 1.25
 # Borders are multiples of 1 / 8 px, and of as great a power of two as fits in between; a little
 # more, for round numbers are frequent radii.
 _GRAINS = 8
 _MORE = 0.0213
+
+
+def around(finest: int) -> int:
+    """Px around a region from which what it hides is continued at full resolution."""
+    return REACH << finest
 
 
 class HiddenLayer(NamedTuple):
@@ -82,6 +84,8 @@ def hidden_layer(
     beyond: Backdrop | None = None,
     box: Box | None = None,
     wanted: Box | None = None,
+    *,
+    finest: int = 3,
 ) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
@@ -91,6 +95,7 @@ def hidden_layer(
         beyond: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
         wanted: Where in it the layer matters; None if everywhere.
+        finest: The `hidden_level` of a quality.
 
     Returns:
         What is in `wanted`; None if nothing is hidden there.
@@ -116,10 +121,10 @@ def hidden_layer(
     here = at[:, 0] * W + at[:, 1]
     # stays where nothing is farther
     found = torch.cat([value.flatten(1).index_select(1, here) for value in values]).T
-    deep = far - cone > _SHALLOW * DECAY
+    deep = far - cone > (_SHALLOW * DECAY) * (1 << finest)
     all_of_it = levels_of(*beyond.pictures[0].rank.shape)
-    levels = level_of(far - near).clamp(max=all_of_it).clamp(min=FINE)
-    levels = torch.where(deep, levels, FINE)
+    levels = level_of(far - near).clamp(max=all_of_it).clamp(min=finest)
+    levels = torch.where(deep, levels, finest)
     down, across = beyond.fine
     middle = (
         Axis(down.middle - box.top, down.odd),
@@ -127,7 +132,7 @@ def hidden_layer(
     )
     for level in torch.unique(levels).tolist():
         some = torch.nonzero(levels == level)[:, 0]
-        if level > FINE:
+        if level > finest:
             cells, halvings = _cells(at[some], border[some], middle), halvings_for(level)
             picture = beyond.pictures[halvings - COARSE]
             result, exists = continued(

@@ -12,7 +12,7 @@ from torch.nn.functional import max_pool2d, pad
 from defocus_core.backdrop import halvings_for, level_of
 from defocus_core.continuation import REACH
 from defocus_core.frame import Frame
-from defocus_core.hidden import FINE, hidden_layer
+from defocus_core.hidden import hidden_layer
 from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
@@ -181,12 +181,13 @@ class Presence:
             wide = signed_radius[top - above : top + looked_at + around : step, ::step].detach()
             small = without_ramps(wide / step)
             inner = slice(above // step, -(-(above + looked_at) // step))
-            behind = hidden_layer(small[None], small)
+            finest = self.frame.quality.hidden_level
+            behind = hidden_layer(small[None], small, finest=finest)
             far, some = small * step, torch.zeros_like(small, dtype=torch.bool)
             if behind:
                 far, some = behind.signed_radius * step, behind.mask
             share = min(height, H - top) / looked_at
-            hidden = _continued(small[inner] * step, far[inner], some[inner], step)
+            hidden = _continued(small[inner] * step, far[inner], some[inner], step, finest)
             self.continued += share * hidden
             self.behind += share * step**2 * int(some[inner].sum())
             blocks = self._blocks(far[inner], some[inner], step, stride, (looked_at, W))
@@ -196,7 +197,7 @@ class Presence:
         return torch.cat(found, 1)
 
 
-def _continued(near: Tensor, far: Tensor, some: Tensor, step: int) -> float:
+def _continued(near: Tensor, far: Tensor, some: Tensor, step: int, finest: int) -> float:
     """Pixels of the blocks from which hidden content is continued.
 
     Args:
@@ -204,17 +205,19 @@ def _continued(near: Tensor, far: Tensor, some: Tensor, step: int) -> float:
         far: [h, w] px, what lies behind.
         some: [h, w] bool, where anything does.
         step: In px.
+        finest: The `hidden_level` of the quality.
     """
     near, far, at = near[some], far[some], torch.nonzero(some) * step
     unit = ((far - near) * _BETWEEN).log2().floor().exp2()
     border = ((near + (far - near) / 4) / unit).round() * unit
-    levels = level_of(far - near).clamp(min=FINE)
+    levels = level_of(far - near).clamp(min=finest)
     total = 0.0
     for level in torch.unique(levels).tolist():
         side, here = 2 * REACH << level, levels == level
         cells = at[here].div(side, rounding_mode="floor")
         blocks = len(torch.unique(torch.cat([cells, border[here, None]], 1), dim=0))
-        total += blocks * (1.5 * side) ** 2 / (4 ** halvings_for(level) if level > FINE else 1)
+        reduced = 4 ** halvings_for(level) if level > finest else 1
+        total += blocks * (1.75 * side) ** 2 / reduced
     return total
 
 

@@ -74,7 +74,14 @@ class Region:
         self._known: Sliced | None = None
         self._invented: Sliced | None = None
         if beyond is not None:
-            hidden = hidden_layer(own.color, signed_radius, beyond, outer, self._inside)
+            hidden = hidden_layer(
+                own.color,
+                signed_radius,
+                beyond,
+                outer,
+                self._inside,
+                finest=frame.quality.hidden_level,
+            )
             if hidden is not None:
                 invented = hidden.mask
                 if behind is not None:
