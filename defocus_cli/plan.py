@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,12 +67,18 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     return Plan(now, settled, len(todo) - len(now), changed, again, left)
 
 
-def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:
-    """The jobs of a shard: every n-th picture, with all its lenses."""
-    part, picture, place = [], None, -1
+def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
+    """The jobs of a shard: every n-th picture, with all its lenses.
+
+    Where there are fewer pictures than shards, it is every n-th job: a scene that is taken by many
+    lenses is shared out, too.
+    """
+    places: list[int] = []
+    picture = None
     for job in jobs:
-        if job.picture != picture:
-            picture, place = job.picture, place + 1
-        if place % shard.of == shard.number - 1:
-            part.append(job)
-    return part
+        places.append((places[-1] + (job.picture != picture)) if places else 0)
+        picture = job.picture
+    if places and places[-1] + 1 < shard.of:
+        places = list(range(len(places)))
+    mine = (place % shard.of == shard.number - 1 for place in places)
+    return [job for job, is_mine in zip(jobs, mine, strict=True) if is_mine]
