@@ -39,6 +39,7 @@ from defocus_cli.reasons import STATUSES
 
 Record = Mapping[str, Any]
 _BLOCK = 1000  # lines
+_SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)+")')
 _SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
 
 
@@ -128,8 +129,16 @@ def _one_by_one(path: Path, lines: Sequence[bytes], start: int, *, last: int) ->
         if record is not None:
             yield record
         elif line and number < last:
-            remedy = "remove that line; its job is done again"
-            raise InputError(path, f"line {number} is broken", remedy)
+            remedy = "remove that line and the outputs of its job, which is done again"
+            raise InputError(path, f"line {number}{_of_sample(line)} is broken", remedy)
+
+
+def _of_sample(line: bytes) -> str:
+    """Which sample a broken line speaks of, as far as it can be read."""
+    found = _SAMPLE.search(line)
+    with suppress(ValueError):
+        return f", of {json.loads(found[1])}," if found else ""
+    return ""
 
 
 @contextmanager

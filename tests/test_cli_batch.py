@@ -167,6 +167,30 @@ def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path: Path, out
     assert done == [set("ad"), set("be"), set("c")]
 
 
+def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path: Path, out: Path) -> None:
+    text = JOBS.replace('["1.5m", "2m"]', '["1m", "2m", "3m", "4m", "5m"]')
+    path = jobs_file(tmp_path, "a", text=text)
+    for number in (1, 2, 3):
+        run("batch", path, "-o", out, "--shard", f"{number}/3")
+    done = [len(records(out, f"journal-{number}of3.jsonl")) for number in (1, 2, 3)]
+    assert done == [2, 2, 1]
+    assert run("merge", out, "--json").json["jobs"] == 5
+
+
+def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    lines = (out / "journal.jsonl").read_text().split("\n")
+    (out / "journal.jsonl").write_text("\n".join([*lines[:2], lines[2][:-5], *lines[3:]]))
+    refused(run("batch", path, "-o", out), 3, "line 3, of a_focus2m, is broken; remove", "outputs")
+    (out / "journal.jsonl").write_text("\n".join([*lines[:2], *lines[3:]]))
+    refused(run("batch", path, "-o", out), 3, "a_focus2m.exr", "move it away")
+    (out / "coc" / "a_focus2m.exr").unlink()
+    assert "1 done, 3 done before" in run("batch", path, "-o", out).err
+
+
 def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, *"abc")
     run("batch", path, "-o", out, "--shard", "1/3")

@@ -88,6 +88,14 @@ def test_a_broken_line_elsewhere_is_named_by_its_number(path: Path) -> None:
         read(path)
 
 
+def test_a_broken_line_is_named_by_its_sample_where_that_can_be_read(path: Path) -> None:
+    write(path, record('ü "1"'), record("b"))
+    lines = path.read_bytes().split(b"\n")
+    path.write_bytes(b"\n".join([lines[0], lines[1][:-9], lines[2]]))
+    with pytest.raises(InputError, match=r'line 2, of ü "1", is broken; remove .* the outputs of'):
+        read(path)
+
+
 def test_a_full_disk_leaves_the_journal_as_it_was(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
