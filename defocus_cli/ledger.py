@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from defocus_cli import identity
@@ -24,10 +24,10 @@ class Ledger:
         self._last: dict[str, Record] = {}
         with without_collections():
             for record in records:
-                for stamp in record["outputs"].values():
-                    self._last[stamp["path"]] = record
+                for path in _files(record):
+                    self._last[path] = record
                     if record["status"] == "ok":
-                        self.files.add(stamp["path"])
+                        self.files.add(path)
 
     @property
     def live(self) -> list[Record]:
@@ -42,7 +42,8 @@ class Ledger:
         """The record by which a job need not be done again; None if it has to be.
 
         That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
-        rejection of the same recipe with the same inputs.
+        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, it is
+        a new record that says where.
 
         Args:
             job: the job.
@@ -56,17 +57,24 @@ class Ledger:
             return None
         if record["status"] == "failed" or record["recipe"] != recipe:
             return None
+        moved = {}
         for role, path in identity.sources(job.picture).items():
             stamp = record["inputs"].get(role, {})
             if not path.exists() and record["status"] == "ok":
                 continue  # what is gone cannot make anything else of the outputs
             # Size and time say nothing of a file that was elsewhere: archives give all one time.
-            elsewhere = stamp.get("path") != told_path(path, self.out)
+            elsewhere = stamp.get("path") != (place := told_path(path, self.out))
             if not identity.unchanged(path, stamp, read=read_inputs or elsewhere):
                 return None
+            if elsewhere:
+                moved[role] = {**stamp, "path": place}
         if record["status"] == "ok" and not self._in_place(record, planned):
             return None
-        return record
+        return {**record, "inputs": {**record["inputs"], **moved}} if moved else record
+
+    def has(self, record: Record) -> bool:
+        """Whether this very record is one that the journals have, and not superseded."""
+        return any(self._last.get(path) is record for path in _files(record))
 
     def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
         """Refuse to replace what was made of another picture that has the same name.
@@ -90,3 +98,7 @@ class Ledger:
         return set(outputs) == set(planned) and all(
             identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
         )
+
+
+def _files(record: Record) -> Iterator[str]:
+    return (stamp["path"] for stamp in record["outputs"].values())

@@ -21,6 +21,7 @@ class Plan:
     Attributes:
         todo: jobs to do, and the recipe of each.
         settled: jobs that are done, or rejected, and what the journal says of them.
+        moved: those of its records that are to say anew where the inputs are.
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
@@ -30,6 +31,7 @@ class Plan:
 
     todo: list[tuple[Job, str]]
     settled: list[tuple[Job, Record]]
+    moved: list[Record]
     beyond: int
     changed: int
     again: int
@@ -59,12 +61,13 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
         todo.append((job, recipe))
         again += ledger.knows(job)
         changed += not forced and any(name in ledger.files for name in job.names.values())
+    moved = [record for _, record in settled if not ledger.has(record)]
     now = todo if how.limit is None else todo[: how.limit]
     ledger.refuse_other_pictures(job for job, _ in now)
     refuse_unknown([job for job, _ in now], ledger.files | undertaking.begun(out))
     begun = undertaking.begun(out, how.shard) - ledger.files
     left = frozenset(name for name in begun if (out / name).exists())
-    return Plan(now, settled, len(todo) - len(now), changed, again, left)
+    return Plan(now, settled, moved, len(todo) - len(now), changed, again, left)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:

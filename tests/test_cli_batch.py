@@ -191,6 +191,32 @@ def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
     assert "1 done, 3 done before" in run("batch", path, "-o", out).err
 
 
+@pytest.mark.parametrize("moved", ["out", "rgb"])
+def test_where_the_inputs_are_is_said_anew_when_files_have_moved(
+    moved: str, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = jobs_file(Path(), "a", "b", "c")
+    run("batch", path, "-o", "out")
+    before = records(out)
+    if moved == "out":
+        out = tmp_path / "some" / "where"
+        out.parent.mkdir()
+        (tmp_path / "out").rename(out)
+    else:
+        Path("rgb").rename("color")
+        path.write_text(JOBS.replace("rgb/", "color/"))
+    assert run("batch", path, "-o", out).err.endswith("6 jobs: 6 done before\n")
+    for sample in samples(out):
+        assert sample.inputs["color"].exists()
+        assert sample.inputs["depth"].exists()
+    told = [record["finished"] for record in records(out)]
+    assert told == 2 * [record["finished"] for record in before]
+    run("batch", path, "-o", out)
+    assert len(records(out)) == len(told), "once is enough"
+    assert run("status", out, "--json").json["jobs"] == 6
+
+
 def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, *"abc")
     run("batch", path, "-o", out, "--shard", "1/3")
