@@ -169,12 +169,16 @@ def told_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
     if path.is_absolute():
         return str(path)
-    return Path(os.path.relpath(path.absolute(), _resolved(out))).as_posix()
+    return (_told_folder(path.parent, out, Path.cwd()) / path.name).as_posix()
 
 
-@lru_cache(maxsize=16)
-def _resolved(out: Path) -> Path:
-    return out.resolve()
+@lru_cache(maxsize=1024)
+def _told_folder(folder: Path, out: Path, here: Path) -> Path:
+    """A folder, relative to OUT, as both are seen from ``here``."""
+    # What is above a linked folder is what is above that which the link leads to.
+    ups = max((place for place, part in enumerate(folder.parts, 1) if part == ".."), default=0)
+    start = here.joinpath(*folder.parts[:ups]).resolve()
+    return Path(os.path.relpath(start.joinpath(*folder.parts[ups:]), (here / out).resolve()))
 
 
 class Journal:

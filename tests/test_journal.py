@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from defocus_cli.errors import InputError
-from defocus_cli.journal import Journal, Shard, journal_path, merged, read, read_all
+from defocus_cli.journal import Journal, Shard, journal_path, merged, read, read_all, told_path
 from defocus_cli.ledger import Ledger
 
 
@@ -119,6 +119,20 @@ def test_the_records_of_shards_are_read_in_the_order_of_their_ends(tmp_path: Pat
         records = [record(name, finished=name) for name in names]
         write(journal_path(tmp_path, shard), *records)
     assert [each["sample_id"] for each in read_all(tmp_path)] == list("abcd")
+
+
+def test_paths_of_inputs_lead_to_them_through_linked_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("deep/jobs", "deep/rgb", "rgb", "disk", "out"):
+        Path(folder).mkdir(parents=True)
+    Path("jobs").symlink_to("deep/jobs")
+    Path("linked").symlink_to("disk")
+    assert told_path(Path("jobs/../rgb/a.exr"), Path("out")) == "../deep/rgb/a.exr"
+    assert told_path(Path("rgb/../rgb/a.exr"), Path("out")) == "../rgb/a.exr"
+    assert told_path(Path("linked/a.exr"), Path("out")) == "../linked/a.exr", "as given"
+    assert told_path(Path("a.exr"), Path("jobs")) == "../../a.exr"
 
 
 def test_merging_keeps_each_record_once(tmp_path: Path) -> None:
