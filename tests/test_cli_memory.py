@@ -52,10 +52,14 @@ def frames(tmp_path: Path, kind: str) -> tuple[Path, Path]:
     color = color_exr(tmp_path / "c.exr", pixels)
     if kind == "png":
         color = save(tmp_path / "c.png", (255 * np.clip(pixels, 0, 1)).astype(np.uint8))
+    if kind == "tiff":
+        color = save(tmp_path / "c.tif", np.float32(pixels), tile=(16, 32))
+        depth = (1000 * ramp(*SIZE)).astype(np.uint16)[..., None]
+        return color, save(tmp_path / "z.png", depth)
     return color, depth_exr(tmp_path / "z.exr", ramp(*SIZE))
 
 
-@pytest.mark.parametrize("kind", ["exr", "png"])
+@pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
 @pytest.mark.parametrize("written", ["exr", "float", "png", "png16", "tiff", "jpg"])
 def test_scratch_files_change_no_byte(
     kind: str, written: str, tmp_path: Path, request: pytest.FixtureRequest
