@@ -25,14 +25,16 @@ class Ledger:
         with without_collections():
             for record in records:
                 for path in _files(record):
+                    self._last.pop(path, None)  # the last comes last
                     self._last[path] = record
                     if record["status"] == "ok":
                         self.files.add(path)
 
     @property
     def live(self) -> list[Record]:
-        """The records that are not superseded, oldest first."""
-        return list({id(record): record for record in self._last.values()}.values())
+        """The records that are not superseded, oldest first, with the outputs that are theirs."""
+        last = {id(record): record for record in self._last.values()}
+        return [self._own(record) for record in last.values()]
 
     def knows(self, job: Job) -> bool:
         """Whether a record speaks of a file that a job writes."""
@@ -92,6 +94,12 @@ class Ledger:
                     problem = f"exists already, made of another picture, {before.resolve()}"
                     remedy = "choose another -o, or add --overwrite to replace it"
                     raise InputError(path, problem, remedy)
+
+    def _own(self, record: Record) -> Record:
+        """A record without the outputs that another has replaced."""
+        outputs = record["outputs"]
+        own = {n: told for n, told in outputs.items() if self._last[told["path"]] is record}
+        return record if len(own) == len(outputs) else {**record, "outputs": own}
 
     def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
         outputs = record["outputs"]

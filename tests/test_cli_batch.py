@@ -217,6 +217,36 @@ def test_where_the_inputs_are_is_said_anew_when_files_have_moved(
     assert run("status", out, "--json").json["jobs"] == 6
 
 
+def test_a_sample_made_anew_with_fewer_kinds_is_indexed_once(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a", text=JOBS.replace('"coc"', '"coc", "disparity"'))
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
+    run("batch", path, "-o", out)
+    assert [(one.sample_id, one.lens.fnum) for one in samples(out)] == [
+        ("a_focus1.5m", 4.0),
+        ("a_focus2m", 4.0),
+    ]
+    assert {kind for one in samples(out) for kind in one.files} == {"coc"}
+
+
+def test_kinds_made_one_after_another_are_one_sample(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a")
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace('"coc"', '"disparity"'))
+    run("batch", path, "-o", out, "--shards-size", "1MB")
+    assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus2m"]
+    assert all(set(one.files) == {"coc", "disparity"} for one in samples(out))
+
+
+def test_a_preview_that_alone_is_left_is_no_sample(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a", text=JOBS + "preview = true\n")
+    run("batch", path, "-o", out)
+    path.write_text(JOBS)
+    (tmp_path / "rgb" / "a.exr").write_bytes(b"")
+    assert run("batch", path, "-o", out).code == 1
+    assert not list(samples(out))
+
+
 def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, *"abc")
     run("batch", path, "-o", out, "--shard", "1/3")

@@ -149,7 +149,9 @@ def test_the_last_record_of_a_file_holds(tmp_path: Path) -> None:
 
 def test_a_record_holds_until_all_its_files_are_another_s(tmp_path: Path) -> None:
     records = [record("a", "ok", "render", "coc"), record("a", "ok", "coc")]
-    assert len(Ledger(tmp_path, records).live) == 2
+    rest, last = Ledger(tmp_path, records).live
+    assert set(rest["outputs"]) == {"render"}
+    assert last is records[1]
     assert len(Ledger(tmp_path, [*records, record("a", "ok", "render")]).live) == 2
     assert len(Ledger(tmp_path, [*records, record("a", "ok", "render", "coc")]).live) == 1
 
