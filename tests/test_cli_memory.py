@@ -204,6 +204,8 @@ def test_too_little_memory_is_refused_with_how_much_would_do(
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
     ran = render(*args, "--memory", "20MB")
     refused(ran, 3, "needs about", "0 MB are left", "use --memory ")
+    dry = render(*args, "--memory", "20MB", "--dry-run")
+    assert (dry.code, dry.err) == (3, ran.err), "a dry run says so, too"
     enough = ran.err.strip().rpartition(" ")[2]
     assert render(*args, "--memory", enough).code == 0
 
