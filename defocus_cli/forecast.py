@@ -175,7 +175,9 @@ def regions_at_once(
 def _too_large(job: Job, device: str, room: float, plan_of: Callable[[Job], Plan]) -> TooLarge:
     """What is said of a picture of which not even one region fits; the remedy would help."""
     least = _known(job, device).predicted_mb(plan_of(job), 1)
-    problem = f"needs about {least:.0f} MB to render, but {room:.0f} MB are left"
+    problem = f"needs about {math.ceil(least)} MB to render, but {room:.0f} MB are left"
+    if room == 0:
+        problem += f" beside the {base_mb():.0f} MB of the program"
     for remedy, settings in _REMEDIES:
         changed = replace(job, machine=replace(job.machine, **settings))
         if changed.machine == job.machine:

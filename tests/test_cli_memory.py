@@ -203,7 +203,7 @@ def test_too_little_memory_is_refused_with_how_much_would_do(
     monkeypatch.setattr(forecast, "_REMEDIES", ())
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
     ran = render(*args, "--memory", "20MB")
-    refused(ran, 3, "needs about", "0 MB are left", "use --memory ")
+    refused(ran, 3, "needs about", "0 MB are left beside the", "of the program; use --memory ")
     dry = render(*args, "--memory", "20MB", "--dry-run")
     assert (dry.code, dry.err) == (3, ran.err), "a dry run says so, too"
     enough = ran.err.strip().rpartition(" ")[2]
