@@ -87,6 +87,11 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
     left = len(plan.todo) + plan.beyond
     summary = Summary(settled + left, settled, left)
     path = undertaking.run_path(out, how.shard)
+    if plan.moved:
+        with Journal(journal_path(out, how.shard)) as journal:
+            for record in plan.moved:
+                journal.append(record)
+        plan.moved.clear()
     if not plan.todo:
         if not plan.left:
             path.unlink(missing_ok=True)

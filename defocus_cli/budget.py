@@ -118,24 +118,19 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
     from defocus_cli.files import read_head
     from defocus_cli.images import describe
 
-    def told(path: Path) -> tuple[int, float, int, bool]:
+    def told(path: Path) -> tuple[int, float, float, int]:
         info = describe(path)
         kinds = [kind for part in info.parts for _, kind in part.channels]
-        return (
-            info.width * info.height,
-            sum(_BYTES.get(kind, _FLOAT) for kind in kinds),
-            len(kinds),
-            is_exr(read_head(path)),
-        )
+        native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
+        return info.width * info.height, native, native if info.at_once else 0.0, len(kinds)
 
     try:
-        pixels, native, count, exr = told(picture.color)
-        _, depth_native, _, depth_exr = told(picture.depth)
+        pixels, native, color_whole, count = told(picture.color)
+        _, _, depth_whole, _ = told(picture.depth)
+        arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
     except InputError:  # who decodes it says it better
         return 0, 0.0, 0.0, 0
-    arrays = native if exr else _FLOAT * count
-    whole = max(0.0 if exr else native, 0.0 if depth_exr else depth_native)
-    return pixels, arrays + _FLOAT, whole, min(count, 4)
+    return pixels, arrays + _FLOAT, max(color_whole, depth_whole), min(count, 4)
 
 
 def _half(job: Job) -> bool:

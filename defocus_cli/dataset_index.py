@@ -18,6 +18,7 @@ from defocus_cli.job import IMAGE_KINDS, KINDS
 NAME = "metadata.jsonl"
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
+_TAKEN = ("lens", "size", "coc_px", "quality", "version")  # how a picture was
 _DECODED = (".png", ".jpg", ".tif")  # by those who know pictures and not EXR
 
 
@@ -45,10 +46,32 @@ def write(out: Path, records: Iterable[Record]) -> Path:
 
 
 def entries(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
-    """What the index says of each sample, sorted by sample_id."""
-    done = (record for record in records if record["status"] == "ok")
-    for record in sorted(done, key=lambda record: str(record["sample_id"])):
-        yield _entry(record)
+    """What the index says of each sample, sorted by sample_id.
+
+    Args:
+        records: oldest first. Several of one sample are one if they differ in what they wrote
+            alone; else the last holds, as what was made before was taken by another lens.
+    """
+    done: dict[str, Record] = {}
+    for record in records:
+        if record["status"] == "ok" and not record["outputs"].keys().isdisjoint(KINDS):
+            name = str(record["sample_id"])
+            done[name] = _joined(done[name], record) if name in done else record
+    for name in sorted(done):
+        yield _entry(done[name])
+
+
+def _joined(before: Record, record: Record) -> Record:
+    """A record, and what an earlier one wrote of the same sample if it was taken alike."""
+    if any(before[key] != record[key] for key in _TAKEN) or _hashes(before) != _hashes(record):
+        return record
+    outputs = {**before["outputs"], **record["outputs"]}
+    warnings = list(dict.fromkeys([*before["warnings"], *record["warnings"]]))
+    return {**record, "outputs": outputs, "warnings": warnings}
+
+
+def _hashes(record: Record) -> dict[str, Any]:
+    return {role: given.get("blake2b") for role, given in record["inputs"].items()}
 
 
 def line(entry: Mapping[str, Any]) -> bytes:
@@ -76,7 +99,7 @@ def _entry(record: Record) -> dict[str, Any]:
         "quality": record["quality"],
         "warnings": list(record["warnings"]),
         "outputs_blake2b": {kind: output.get("blake2b") for kind, output in outputs.items()},
-        "inputs_blake2b": {role: given.get("blake2b") for role, given in record["inputs"].items()},
+        "inputs_blake2b": _hashes(record),
         "version": record["version"],
     }
 

@@ -19,7 +19,7 @@ from defocus_cli.exr_header import is_exr, read_headers
 from defocus_cli.files import read_head
 from defocus_cli.float_maps import is_float_map, read_float_map
 from defocus_cli.layers import choose_depth
-from defocus_cli.raster import read_raster
+from defocus_cli.raster import read_raster, read_samples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -165,8 +165,10 @@ def _grey(part: Part) -> bool:
 
 
 def _from_raster(path: Path, unit: str | None, keeping: Keeping) -> Depth:
+    import numpy as np
+
     raster = read_raster(path, wanted=FORMATS)
-    if raster.samples is None:
+    if raster.deep:
         raise InputError(path, "holds deep data", "flatten it first")
     if raster.type == "uint8":
         problem = "has 8 bits, too few for depth and without a metric scale"
@@ -177,7 +179,11 @@ def _from_raster(path: Path, unit: str | None, keeping: Keeping) -> Depth:
     integer = raster.type == "uint16"
     kind = f"16-bit {path.suffix[1:].upper()}" if integer else f"float {path.suffix[1:].upper()}"
     unit = unit or ("mm" if integer else "m")
-    return _depth(path, "", raster.samples[:, :, 0], unit, kind, keeping)
+    size = raster.height, raster.width
+    values = keeping.new(size, np.uint16 if integer else np.float32)
+    for window, samples in read_samples(path):
+        values[window] = samples[:, :, 0]
+    return _depth(path, "", values, unit, kind, keeping)
 
 
 def _depth(path: Path, channel: str, values: Any, unit: str, kind: str, keeping: Keeping) -> Depth:

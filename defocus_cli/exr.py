@@ -6,7 +6,7 @@ corruption is noticed on reading), without dates: the same arrays make the same 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.arrays import IN_MEMORY, Keeping
@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DAMAGED = ("is truncated or damaged", "write or copy it again")
-NO_STRIPS = (
-    "is too large to be held in --memory, and made of tiles, which cannot be read in strips",
-    "allow more --memory, or save it in scan lines",
+NO_PIECES = (
+    "is too large to be held in --memory, and its pixels cannot be had piece by piece",
+    "allow more --memory, or save it in scan lines, ZIP compressed",
 )
 _STRIP_BYTES = 1 << 25  # of pixels, encoded at once
+_LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 # Attributes that describe how this one file is laid out, not the picture.
 STRUCTURAL = frozenset(
@@ -66,8 +67,7 @@ def read_parts(
     Args:
         path: the file.
         headers: what `read_headers` said, if it has been asked already.
-        keeping: where the channels are to be kept; in a scratch file they are decoded in strips,
-            unless the file is made of tiles.
+        keeping: where the channels are to be kept; for scratch files, they are decoded in pieces.
         wanted: whether a channel of a part is; others may be left out.
 
     Raises:
@@ -79,7 +79,7 @@ def read_parts(
     try:
         with quiet():
             if keeping.scratch:
-                return tuple(_in_strips(path, headers, keeping, wanted))
+                return tuple(_in_pieces(path, headers, keeping, wanted))
             decoded = OpenEXR.File(str(path), separate_channels=True).parts
             # OpenEXR leaves out a part that it failed to decode, with no more than a print.
             if len(decoded) != len(headers):
@@ -108,16 +108,16 @@ def _part(path: Path, header: Header, decoded: Any) -> Part:
     return Part(header, channels, attributes)
 
 
-def _in_strips(
+def _in_pieces(
     path: Path,
     headers: tuple[Header, ...],
     keeping: Keeping,
     wanted: Callable[[Header, str], bool],
 ) -> Iterator[Part]:
-    """The parts, a strip of each at a time in memory."""
+    """The parts, some rows or tiles of each at a time in memory."""
     import OpenEXR
 
-    from defocus_cli.exr_strips import read_chunks, strips
+    from defocus_cli.exr_strips import pieces, read_chunks
 
     said = OpenEXR.File(str(path), separate_channels=True, header_only=True).parts
     if len(said) != len(headers):
@@ -128,20 +128,20 @@ def _in_strips(
         flat = [c for c in header.channels if not c.subsampled and wanted(header, c.name)]
         if header.deep:
             flat = []
-        if flat and chunks is None:
-            raise InputError(path, *NO_STRIPS)
+        pixel_bytes = 4 * len(header.channels)
+        if flat and (
+            chunks is None or (chunks.tiled and chunks.pixels * pixel_bytes > _LARGEST_TILE)
+        ):
+            raise InputError(path, *NO_PIECES)
         size = (header.display.height, header.display.width)
         for channel in flat:
             channels[channel.name] = keeping.new(size, _DTYPES[channel.type])
         if flat and chunks is not None:
-            row_bytes = header.data.width * 4 * len(header.channels)
-            for first, found in strips(path, chunks, row_bytes):
+            for data, found in pieces(path, chunks, pixel_bytes):
                 for channel in flat:
                     pixels = found.get(channel.name)
                     if pixels is None or pixels.dtype != _DTYPES[channel.type]:
                         raise InputError(path, *DAMAGED)
-                    top = header.data.y0 + first
-                    data = replace(header.data, y0=top, y1=top + len(pixels) - 1)
                     if pixels.shape != (data.height, data.width):
                         raise InputError(path, *DAMAGED)
                     _put(channels[channel.name], pixels, data, header.display)

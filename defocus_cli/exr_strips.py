@@ -1,7 +1,7 @@
-"""Strips of OpenEXR files: some rows decoded or encoded at a time, by OpenEXR itself.
+"""Parts of OpenEXR files: some chunks decoded or encoded at a time, by OpenEXR itself.
 
-The pixels of a scan-line file lie in chunks of some rows, each compressed by itself and found
-through a table of offsets. So some chunks under a header that claims only their rows are a whole
+The pixels of a file lie in chunks of some rows, or in tiles, each compressed by itself and found
+through a table of offsets. So some chunks under a header that claims only their pixels are a whole
 file, small enough for memory; and the chunks of such files, under one header, are the file that
 OpenEXR would have written at once, byte for byte. Layout: openexr.com, "OpenEXR File Layout".
 """
@@ -9,9 +9,11 @@ OpenEXR would have written at once, byte for byte. Layout: openexr.com, "OpenEXR
 from __future__ import annotations
 
 import io
+import math
 import struct
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from defocus_cli.exr_header import MAGIC, Window, attributes_of
@@ -21,40 +23,51 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-# Rows of a chunk, by the number of the compression: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A,
-# DWAA, DWAB.
-_CHUNK_ROWS = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256)
+# Rows of a chunk of scan lines, by the number of the compression: none, RLE, ZIPS, ZIP, PIZ, PXR24,
+# B44, B44A, DWAA, DWAB, HTJ2K256, HTJ2K32, LJ2K, ZSTD.
+_CHUNK_ROWS = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256, 256, 32, 256, 1)
 ZIP_ROWS = 16
 _STRIP_BYTES = 1 << 25  # decoded
 _TILED, _LONG_NAMES, _DEEP, _MULTIPART = 0x200, 0x400, 0x800, 0x1000
 _MOST_CHUNKS = 1 << 24
+_ONE_LEVEL = 0  # the mode of a tiled part without smaller copies of itself
 
 Attributes = list[tuple[str, str, bytes]]
 
 
 @dataclass(frozen=True)
 class Chunks:
-    """Where the rows of one part are.
+    """Where the pixels of one part are.
 
     Attributes:
         attributes: of its header.
         version: of its file, the flags included.
-        top: first row of the data window.
-        rows: of the data window.
-        each: rows of a chunk.
-        offsets: of the chunks, from the top.
+        window: of its data.
+        size: width and height of a chunk in px.
+        tiled: whether its chunks are tiles, else scan lines.
+        offsets: of the chunks, row by row; of a tiled part, those of full resolution.
     """
 
     attributes: Attributes
     version: int
-    top: int
-    rows: int
-    each: int
+    window: Window
+    size: tuple[int, int]
+    tiled: bool
     offsets: tuple[int, ...]
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many chunks lie side by side, and how many below each other."""
+        return _counts(self.window, self.size)
+
+    @property
+    def pixels(self) -> int:
+        """Of the largest chunk."""
+        return min(self.size[0], self.window.width) * min(self.size[1], self.window.height)
 
 
 def read_chunks(path: Path) -> tuple[Chunks | None, ...]:
-    """Where the rows of each part are; None for a part whose rows cannot be had in strips.
+    """Where the pixels of each part are; None for a part that cannot be had chunk by chunk.
 
     Raises:
         ValueError: the file is damaged.
@@ -76,77 +89,105 @@ def read_chunks(path: Path) -> tuple[Chunks | None, ...]:
 def _chunks(file: BinaryIO, attributes: Attributes, version: int) -> Chunks | None:
     """The table of offsets of a part, which comes next in the file."""
     values = {name: value for name, _, value in attributes}
-    _, top, _, bottom = struct.unpack("<4i", values["dataWindow"])
-    rows = bottom - top + 1
+    window = Window(*struct.unpack("<4i", values["dataWindow"]))
     compression = values["compression"][0]
     kind = values.get("type", b"tiledimage" if version & _TILED else b"scanlineimage")
-    flat = kind == b"scanlineimage" and not (version & _DEEP and "type" not in values)
-    known = compression < len(_CHUNK_ROWS)
+    deep = bool(version & _DEEP) and "type" not in values
+    size = None
+    if kind == b"tiledimage":
+        size = struct.unpack_from("<2I", values["tiles"])
+    elif kind == b"scanlineimage" and not deep and compression < len(_CHUNK_ROWS):
+        size = window.width, _CHUNK_ROWS[compression]
+    if size is not None and min(size) < 1:
+        raise ValueError(f"tiles of {size[0]}×{size[1]} px")
+    needed = math.prod(_counts(window, size)) if size is not None else 0
+    count = needed
     if "chunkCount" in values:
         (count,) = struct.unpack("<i", values["chunkCount"])
-    elif flat and known:
-        count = -(-rows // _CHUNK_ROWS[compression])
-    else:
+    elif size is None:
         return None
     if not 0 < count <= _MOST_CHUNKS:
         raise ValueError(f"{count} chunks")
     offsets = struct.unpack(f"<{count}Q", file.read(8 * count))
-    each = _CHUNK_ROWS[compression] if known else 0
-    if not (flat and known and count == -(-rows // each)):
+    tiled = kind == b"tiledimage"
+    if size is None or (count < needed if tiled else count != needed):
         return None
-    return Chunks(attributes, version, top, rows, each, offsets)
+    return Chunks(attributes, version, window, size, tiled, offsets[:needed])
 
 
-def strips(
-    path: Path, chunks: Chunks, row_bytes: int
-) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
-    """First row, counted from the data window's, and channels by name of strip after strip.
+def _counts(window: Window, size: tuple[int, int]) -> tuple[int, int]:
+    return -(-window.width // size[0]), -(-window.height // size[1])
+
+
+def pieces(
+    path: Path, chunks: Chunks, pixel_bytes: int
+) -> Iterator[tuple[Window, dict[str, NDArray[Any]]]]:
+    """Where they lie, and the channels by name, of piece after piece.
 
     Args:
         path: the file.
-        chunks: where its rows are.
-        row_bytes: of a decoded row, all channels.
+        chunks: where its pixels are.
+        pixel_bytes: of a decoded pixel, all channels.
 
     Raises:
         Exception: of any type, if the file is damaged.
     """
     import OpenEXR
 
-    some = max(1, _STRIP_BYTES // max(1, row_bytes) // chunks.each)
+    across, down = chunks.counts
+    some = max(1, _STRIP_BYTES // (pixel_bytes * chunks.pixels))
+    wide = min(across, some)
+    high = some // wide
     with path.open("rb") as file:
-        for first in range(0, len(chunks.offsets), some):
-            last = min(first + some, len(chunks.offsets))
-            held = io.BytesIO(_alone(file, chunks, first, last))
+        for row, column in product(range(0, down, high), range(0, across, wide)):
+            columns = range(column, min(column + wide, across))
+            rows = range(row, min(row + high, down))
+            window = _window(chunks, columns, rows)
+            held = io.BytesIO(_alone(file, chunks, columns, rows, window))
             (part,) = OpenEXR.File(held, separate_channels=True).parts
-            yield (
-                first * chunks.each,
-                {name: channel.pixels for name, channel in part.channels.items()},
-            )
+            yield window, {name: channel.pixels for name, channel in part.channels.items()}
 
 
-def _alone(file: BinaryIO, chunks: Chunks, first: int, last: int) -> bytes:
+def _window(chunks: Chunks, columns: range, rows: range) -> Window:
+    """What some chunks fill of the data window."""
+    (width, height), whole = chunks.size, chunks.window
+    return Window(
+        whole.x0 + columns.start * width,
+        whole.y0 + rows.start * height,
+        min(whole.x0 + columns.stop * width - 1, whole.x1),
+        min(whole.y0 + rows.stop * height - 1, whole.y1),
+    )
+
+
+def _alone(file: BinaryIO, chunks: Chunks, columns: range, rows: range, window: Window) -> bytes:
     """Some chunks as a file of their own."""
-    top = chunks.top + first * chunks.each
-    bottom = min(chunks.top + last * chunks.each, chunks.top + chunks.rows) - 1
-    left, _, right, _ = struct.unpack("<4i", _value(chunks.attributes, "dataWindow"))
-    window = struct.pack("<4i", left, top, right, bottom)
+    changed = {"dataWindow": struct.pack("<4i", window.x0, window.y0, window.x1, window.y1)}
+    if chunks.tiled:
+        changed["tiles"] = struct.pack("<2IB", *chunks.size, _ONE_LEVEL)
     kept = [
-        (name, kind, window if name == "dataWindow" else value)
+        (name, kind, changed.get(name, value))
         for name, kind, value in chunks.attributes
         if name not in ("chunkCount", "name", "view", "preview")
     ]
-    start = _header(kept, chunks.version & (0xFF | _LONG_NAMES))
+    flags = chunks.version & (0xFF | _LONG_NAMES) | (_TILED if chunks.tiled else 0)
+    start = _header(kept, flags)
     body, offsets = bytearray(), []
-    place = len(start) + 8 * (last - first)
-    for offset in chunks.offsets[first:last]:
+    place = len(start) + 8 * len(columns) * len(rows)
+    for row, column in product(rows, columns):
         offsets.append(place + len(body))
-        file.seek(offset + (4 if chunks.version & _MULTIPART else 0))
-        head = file.read(8)
-        _, size = struct.unpack("<ii", head)
+        file.seek(chunks.offsets[row * chunks.counts[0] + column])
+        file.seek(4 if chunks.version & _MULTIPART else 0, io.SEEK_CUR)
+        if chunks.tiled:
+            x, y, *level = struct.unpack("<4i", file.read(16))
+            body += struct.pack("<4i", x - columns.start, y - rows.start, *level)
+        else:
+            body += file.read(4)
+        length = file.read(4)
+        (size,) = struct.unpack("<i", length)
         data = file.read(size) if size >= 0 else b""
         if len(data) != size:
             raise ValueError("it ends early")
-        body += head + data
+        body += length + data
     return start + struct.pack(f"<{len(offsets)}Q", *offsets) + bytes(body)
 
 

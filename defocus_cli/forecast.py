@@ -69,7 +69,7 @@ def forecasts(
         unusable: told what would end a job, which then is none of those returned.
 
     Raises:
-        InputError: an input cannot be used, if nobody is told.
+        InputError: an input cannot be used, or does not fit into memory, if nobody is told.
         UsageProblem: the options make no sense for a picture or this machine.
     """
     from defocus_cli import engine
@@ -113,10 +113,16 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
     planned, seconds, peak = None, 0.0, base + (held.held_mb if device == "cpu" else 0.0)
     if calibration is not None and _renders(job):
         image, signed = Windows(loaded.color.planes, "cpu"), Windows([radius], "cpu", lone=True)
-        planned = _planned(job, lens, image, signed, reach)
+
+        def plan_of(changed: Job) -> Plan:
+            return _planned(changed, lens, image, signed, reach)
+
+        planned = plan_of(job)
         seconds = calibration.predicted_seconds(planned)
-        at_once = _fitting(job, calibration, planned, _room_mb(held.room_mb, device))
-        peak += calibration.predicted_mb(planned, at_once or 1)
+        room = _room_mb(held.room_mb, device)
+        if (at_once := _fitting(job, calibration, planned, room)) is None:
+            raise _too_large(job, device, room, plan_of)
+        peak += calibration.predicted_mb(planned, at_once)
     scratch = held.arrays_mb if held.scratch else 0.0
     return Forecast(job, (width, height), reach, read_seconds, planned, seconds, peak, scratch)
 
@@ -158,25 +164,36 @@ def regions_at_once(
     if _most_mb(image.shape, max(map(abs, outcome.coc_px)), threads) < room:
         return None
 
-    def needed(changed: Job) -> tuple[Calibration, Plan]:
-        count = changed.machine.threads
-        calibration = kept(device, count) or usual(count)
-        return calibration, _planned(changed, outcome.lens, image, signed_radius, outcome.coc_px)
+    def plan_of(changed: Job) -> Plan:
+        return _planned(changed, outcome.lens, image, signed_radius, outcome.coc_px)
 
-    calibration, planned = needed(job)
-    if (found := _fitting(job, calibration, planned, room)) is not None:
+    if (found := _fitting(job, _known(job, device), plan_of(job), room)) is not None:
         return found
-    least = calibration.predicted_mb(planned, 1)
-    problem = f"needs about {least:.0f} MB to render, but {room:.0f} MB are left"
+    raise _too_large(job, device, room, plan_of)
+
+
+def _too_large(job: Job, device: str, room: float, plan_of: Callable[[Job], Plan]) -> TooLarge:
+    """What is said of a picture of which not even one region fits; the remedy would help."""
+    least = _known(job, device).predicted_mb(plan_of(job), 1)
+    problem = f"needs about {math.ceil(least)} MB to render, but {room:.0f} MB are left"
+    if room == 0:
+        problem += f" beside the {base_mb():.0f} MB of the program"
     for remedy, settings in _REMEDIES:
         changed = replace(job, machine=replace(job.machine, **settings))
-        if changed.machine != job.machine and _fitting(changed, *needed(changed), room):
-            raise TooLarge(job.picture.color, problem, f"use {remedy}")
+        if changed.machine == job.machine:
+            continue
+        if _fitting(changed, _known(changed, device), plan_of(changed), room):
+            return TooLarge(job.picture.color, problem, f"use {remedy}")
     machine = memory.available_mb(device)
     if device == "cpu" and machine is not None and least < machine:
         gigabytes = math.ceil(enough_mb(least) / 102.4) / 10
-        raise TooLarge(job.picture.color, problem, f"use --memory {gigabytes:.1f}GiB")
-    raise TooLarge(job.picture.color, problem, "use a smaller picture or a machine with more")
+        return TooLarge(job.picture.color, problem, f"use --memory {gigabytes:.1f}GiB")
+    return TooLarge(job.picture.color, problem, "use a smaller picture or a machine with more")
+
+
+def _known(job: Job, device: str) -> Calibration:
+    """What is known of a machine without measuring it now."""
+    return kept(device, job.machine.threads) or usual(job.machine.threads)
 
 
 def _room_mb(room_mb: float, device: str) -> float:

@@ -17,7 +17,7 @@ from defocus_cli.exr_header import is_exr, read_headers
 from defocus_cli.files import read_head
 from defocus_cli.float_maps import is_float_map, read_float_map
 from defocus_cli.layers import ColorLayer, choose_color
-from defocus_cli.raster import Raster, read_raster
+from defocus_cli.raster import Raster, read_raster, read_samples
 from defocus_cli.transfer import decoding_table, srgb_to_linear
 
 if TYPE_CHECKING:
@@ -74,12 +74,21 @@ class PartInfo:
 
 @dataclass(frozen=True)
 class FileInfo:
-    """What a file's header says; width and height are those of the picture shown, in px."""
+    """What a file's header says.
+
+    Attributes:
+        path: the file.
+        width: of the picture shown, in px.
+        height: in px.
+        parts: one, except in some EXR files.
+        at_once: whether its decoder may hold all of it; else it is read in pieces.
+    """
 
     path: Path
     width: int
     height: int
     parts: tuple[PartInfo, ...]
+    at_once: bool
 
 
 def read_color(
@@ -146,15 +155,15 @@ def describe(path: Path) -> FileInfo:
             for h in headers
         )
         shown = headers[0].display
-        return FileInfo(path, shown.width, shown.height, parts)
+        return FileInfo(path, shown.width, shown.height, parts, at_once=False)
     if is_float_map(head):
         values = read_float_map(path, integers=True).values
         floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
-        return FileInfo(path, values.shape[1], values.shape[0], (floats,))
+        return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=True)
     known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
-    raster = read_raster(path, pixels=False, wanted=known)
+    raster = read_raster(path, wanted=known)
     flat = PartInfo(0, "", tuple((name, raster.type) for name in raster.channels), raster.deep)
-    return FileInfo(path, raster.width, raster.height, (flat,))
+    return FileInfo(path, raster.width, raster.height, (flat,), raster.at_once)
 
 
 def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
@@ -211,7 +220,7 @@ def _extras(parts: Sequence[Part], chosen: ColorLayer) -> dict[str, NDArray[Any]
 def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
     import numpy as np
 
-    if raster.samples is None:
+    if raster.deep:
         raise InputError(path, "holds deep data", "flatten it first")
     names = raster.channels
     wanted = "RGBA" if {"R", "G", "B"} <= set(names) else "YA"
@@ -220,16 +229,16 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
         problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
         raise InputError(path, problem, "save it as RGB or grey")
     which = [names.index(c) for c in channels]
-    size = raster.samples.shape[:2]
+    size = raster.height, raster.width
     planes = tuple(keeping.new(size, np.float32) for _ in channels)
-    for rows in bands(size):
-        samples = raster.samples[rows][:, :, which]
+    for window, found in read_samples(path):
+        samples = found[:, :, which]
         alpha = _unit(samples[:, :, -1:]) if channels[-1] == "A" else None
         colour = samples if alpha is None else samples[:, :, :-1]
         pixels = _linear(colour, raster, alpha)
         parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
         for index, plane in enumerate(planes):
-            plane[rows] = parts[:, :, index]
+            plane[window] = parts[:, :, index]
     return Color(planes, channels, path)
 
 

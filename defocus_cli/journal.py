@@ -39,6 +39,7 @@ from defocus_cli.reasons import STATUSES
 
 Record = Mapping[str, Any]
 _BLOCK = 1000  # lines
+_SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)+")')
 _SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
 
 
@@ -128,8 +129,16 @@ def _one_by_one(path: Path, lines: Sequence[bytes], start: int, *, last: int) ->
         if record is not None:
             yield record
         elif line and number < last:
-            remedy = "remove that line; its job is done again"
-            raise InputError(path, f"line {number} is broken", remedy)
+            remedy = "remove that line and the outputs of its job, which is done again"
+            raise InputError(path, f"line {number}{_of_sample(line)} is broken", remedy)
+
+
+def _of_sample(line: bytes) -> str:
+    """Which sample a broken line speaks of, as far as it can be read."""
+    found = _SAMPLE.search(line)
+    with suppress(ValueError):
+        return f", of {json.loads(found[1])}," if found else ""
+    return ""
 
 
 @contextmanager
@@ -160,12 +169,16 @@ def told_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
     if path.is_absolute():
         return str(path)
-    return Path(os.path.relpath(path.absolute(), _resolved(out))).as_posix()
+    return (_told_folder(path.parent, out, Path.cwd()) / path.name).as_posix()
 
 
-@lru_cache(maxsize=16)
-def _resolved(out: Path) -> Path:
-    return out.resolve()
+@lru_cache(maxsize=1024)
+def _told_folder(folder: Path, out: Path, here: Path) -> Path:
+    """A folder, relative to OUT, as both are seen from ``here``."""
+    # What is above a linked folder is what is above that which the link leads to.
+    ups = max((place for place, part in enumerate(folder.parts, 1) if part == ".."), default=0)
+    start = here.joinpath(*folder.parts[:ups]).resolve()
+    return Path(os.path.relpath(start.joinpath(*folder.parts[ups:]), (here / out).resolve()))
 
 
 class Journal:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from defocus_cli import identity
@@ -24,15 +24,17 @@ class Ledger:
         self._last: dict[str, Record] = {}
         with without_collections():
             for record in records:
-                for stamp in record["outputs"].values():
-                    self._last[stamp["path"]] = record
+                for path in _files(record):
+                    self._last.pop(path, None)  # the last comes last
+                    self._last[path] = record
                     if record["status"] == "ok":
-                        self.files.add(stamp["path"])
+                        self.files.add(path)
 
     @property
     def live(self) -> list[Record]:
-        """The records that are not superseded, oldest first."""
-        return list({id(record): record for record in self._last.values()}.values())
+        """The records that are not superseded, oldest first, with the outputs that are theirs."""
+        last = {id(record): record for record in self._last.values()}
+        return [self._own(record) for record in last.values()]
 
     def knows(self, job: Job) -> bool:
         """Whether a record speaks of a file that a job writes."""
@@ -42,7 +44,8 @@ class Ledger:
         """The record by which a job need not be done again; None if it has to be.
 
         That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
-        rejection of the same recipe with the same inputs.
+        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, it is
+        a new record that says where.
 
         Args:
             job: the job.
@@ -56,17 +59,24 @@ class Ledger:
             return None
         if record["status"] == "failed" or record["recipe"] != recipe:
             return None
+        moved = {}
         for role, path in job.picture.files.items():
             stamp = record["inputs"].get(role, {})
             if not path.exists() and record["status"] == "ok":
                 continue  # what is gone cannot make anything else of the outputs
             # Size and time say nothing of a file that was elsewhere: archives give all one time.
-            elsewhere = stamp.get("path") != told_path(path, self.out)
+            elsewhere = stamp.get("path") != (place := told_path(path, self.out))
             if not identity.unchanged(path, stamp, read=read_inputs or elsewhere):
                 return None
+            if elsewhere:
+                moved[role] = {**stamp, "path": place}
         if record["status"] == "ok" and not self._in_place(record, planned):
             return None
-        return record
+        return {**record, "inputs": {**record["inputs"], **moved}} if moved else record
+
+    def has(self, record: Record) -> bool:
+        """Whether this very record is one that the journals have, and not superseded."""
+        return any(self._last.get(path) is record for path in _files(record))
 
     def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
         """Refuse to replace what was made of another picture that has the same name.
@@ -85,8 +95,18 @@ class Ledger:
                     remedy = "choose another -o, or add --overwrite to replace it"
                     raise InputError(path, problem, remedy)
 
+    def _own(self, record: Record) -> Record:
+        """A record without the outputs that another has replaced."""
+        outputs = record["outputs"]
+        own = {n: told for n, told in outputs.items() if self._last[told["path"]] is record}
+        return record if len(own) == len(outputs) else {**record, "outputs": own}
+
     def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
         outputs = record["outputs"]
         return set(outputs) == set(planned) and all(
             identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
         )
+
+
+def _files(record: Record) -> Iterator[str]:
+    return (stamp["path"] for stamp in record["outputs"].values())

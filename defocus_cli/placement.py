@@ -47,7 +47,7 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
         raise InputError(
             existing[0],
             f"exists already{others}, and the journal does not know it",
-            "choose another -o or add --overwrite to render again",
+            "move it away, choose another -o, or add --overwrite to render all again",
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +21,7 @@ class Plan:
     Attributes:
         todo: jobs to do, and the recipe of each.
         settled: jobs that are done, or rejected, and what the journal says of them.
+        moved: those of its records that are to say anew where the inputs are.
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
@@ -30,6 +31,7 @@ class Plan:
 
     todo: list[tuple[Job, str]]
     settled: list[tuple[Job, Record]]
+    moved: list[Record]
     beyond: int
     changed: int
     again: int
@@ -59,20 +61,27 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
         todo.append((job, recipe))
         again += ledger.knows(job)
         changed += not forced and any(name in ledger.files for name in job.names.values())
+    moved = [record for _, record in settled if not ledger.has(record)]
     now = todo if how.limit is None else todo[: how.limit]
     ledger.refuse_other_pictures(job for job, _ in now)
     refuse_unknown([job for job, _ in now], ledger.files | undertaking.begun(out))
     begun = undertaking.begun(out, how.shard) - ledger.files
     left = frozenset(name for name in begun if (out / name).exists())
-    return Plan(now, settled, len(todo) - len(now), changed, again, left)
+    return Plan(now, settled, moved, len(todo) - len(now), changed, again, left)
 
 
-def _part(jobs: Iterable[Job], shard: Shard) -> list[Job]:
-    """The jobs of a shard: every n-th picture, with all its lenses."""
-    part, picture, place = [], None, -1
+def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
+    """The jobs of a shard: every n-th picture, with all its lenses.
+
+    Where there are fewer pictures than shards, it is every n-th job: a scene that is taken by many
+    lenses is shared out, too.
+    """
+    places: list[int] = []
+    picture = None
     for job in jobs:
-        if job.picture != picture:
-            picture, place = job.picture, place + 1
-        if place % shard.of == shard.number - 1:
-            part.append(job)
-    return part
+        places.append((places[-1] + (job.picture != picture)) if places else 0)
+        picture = job.picture
+    if places and places[-1] + 1 < shard.of:
+        places = list(range(len(places)))
+    mine = (place % shard.of == shard.number - 1 for place in places)
+    return [job for job, is_mine in zip(jobs, mine, strict=True) if is_mine]

@@ -6,28 +6,31 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.arrays import bands
 from defocus_cli.errors import InputError, one_line, reason
 from defocus_cli.files import check_size, quiet, read_head
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _AGAIN = "write or copy it again"
+_PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
+_TILES_BYTES = 1 << 26  # of a row of tiles, decoded
 
 
 @dataclass(frozen=True)
 class Raster:
-    """What an image file holds, turned upright as its Orientation says.
+    """What the header of an image file says, turned upright as its Orientation says.
 
     Attributes:
-        samples: uint8, uint16 or float32 [H, W, C], or None if only the header was read.
         width: in px.
         height: in px.
         channels: names, upper case for colour and alpha: R, G, B, A or Y.
@@ -35,9 +38,9 @@ class Raster:
         gamma: exponent of the decoding power law, 1 for linear, None for sRGB.
         associated: whether colour is already multiplied by alpha.
         deep: whether it holds deep data, which has no samples.
+        at_once: whether its decoder may hold all of it.
     """
 
-    samples: NDArray[Any] | None
     width: int
     height: int
     channels: tuple[str, ...]
@@ -45,32 +48,74 @@ class Raster:
     gamma: float | None
     associated: bool
     deep: bool
+    at_once: bool
 
 
-def read_raster(
-    path: Path, *, pixels: bool = True, wanted: str = "EXR, PNG, JPEG, TIFF or HDR"
-) -> Raster:
-    """Decode the first image of a file, or only look at its header.
+def read_raster(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> Raster:
+    """Look at the header of the first image of a file.
 
     Args:
         path: the file.
-        pixels: whether to decode them.
         wanted: the formats to propose if it is of none that can be read.
 
     Raises:
         InputError: missing, empty, damaged, of unreasonable size, or not an image.
     """
     read_head(path)
+    with _telling(path):
+        file = _opened(path, wanted)
+        try:
+            return _said(path, file.spec(), file.format_name())
+        finally:
+            _close(file)
+
+
+def read_samples(path: Path) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
+    """Decode the first image of a file, some rows at a time.
+
+    Args:
+        path: a file that `read_raster` has looked at, and that is not deep.
+
+    Yields:
+        Rows and columns of the upright picture, and what is there: uint8, uint16 or float32
+        [h, w, C].
+
+    Raises:
+        InputError: it is damaged, or has samples of another type.
+    """
+    with _telling(path):
+        file = _opened(path, "an image")
+    try:
+        spec = file.spec()
+        kind = _SAMPLES.get(str(spec.format))
+        if kind is None:
+            problem = f"has samples of type {spec.format}"
+            raise InputError(path, problem, "save it with 8, 16 or float samples")
+        for rows in _strips(spec):
+            with _telling(path):
+                samples = _decoded(file, spec, rows, kind)
+                # A truncated JPEG comes back filled with grey, and only the error flag says so.
+                if samples is None or file.has_error:
+                    problem = f"is truncated or damaged ({_first(path, file.geterror())})"
+                    raise InputError(path, problem, _AGAIN)
+            yield _upright(spec, rows, samples)
+    finally:
+        _close(file)
+
+
+@contextmanager
+def _telling(path: Path) -> Iterator[None]:
+    """What goes wrong in the block is an InputError; what is printed is not seen."""
     try:
         with quiet():
-            return _read(path, pixels, wanted)
+            yield
     except InputError:
         raise
     except Exception as error:
         raise InputError(path, f"cannot be read ({reason(error)})", _AGAIN) from error
 
 
-def _read(path: Path, pixels: bool, formats: str) -> Raster:
+def _opened(path: Path, formats: str) -> Any:
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     config = oiio.ImageSpec()
@@ -81,45 +126,63 @@ def _read(path: Path, pixels: bool, formats: str) -> Raster:
         told = "unknown format" if "format reader" in why else _first(path, why)
         problem = f"is not an image that can be read ({told})"
         raise InputError(path, problem, f"use {formats}")
-    try:
-        spec = file.spec()
-        check_size(path, spec.width, spec.height, spec.pixel_bytes(True))
-        samples = None
-        if pixels and not spec.deep:
-            wanted = _SAMPLES.get(str(spec.format))
-            if wanted is None:
-                problem = f"has samples of type {spec.format}"
-                raise InputError(path, problem, "save it with 8, 16 or float samples")
-            samples = file.read_image(0, 0, 0, spec.nchannels, wanted)
-            # A truncated JPEG comes back filled with grey, and only the error flag says so.
-            if samples is None or file.has_error:
-                problem = f"is truncated or damaged ({_first(path, file.geterror())})"
-                raise InputError(path, problem, _AGAIN)
-    finally:
-        file.close()
-        oiio.geterror()  # or it would be told of the next file
-    return _upright(spec, samples)
+    spec = file.spec()
+    check_size(path, spec.width, spec.height, spec.pixel_bytes(True))
+    return file
 
 
-def _upright(spec: Any, samples: NDArray[Any] | None) -> Raster:
-    """Samples and header with the Orientation that cameras write (EXIF 1 to 8) applied."""
-    import numpy as np
+def _close(file: Any) -> None:
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
+    file.close()
+    oiio.geterror()  # or it would be told of the next file
+
+
+def _strips(spec: Any) -> Iterator[slice]:
+    """Rows that are decoded at a time, whole tiles if there are any."""
+    step = bands((spec.height, spec.width))[0].stop
+    if spec.tile_height:
+        step = -(-step // spec.tile_height) * spec.tile_height
+    for top in range(0, spec.height, step):
+        yield slice(top, min(top + step, spec.height))
+
+
+def _decoded(file: Any, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
+    """Samples [h, W, C] of some rows as they are in the file, None if they cannot be had."""
+    top, bottom, z, channels = spec.y + rows.start, spec.y + rows.stop, spec.z, spec.nchannels
+    if spec.tile_width:
+        found = file.read_tiles(
+            *(0, 0, spec.x, spec.x + spec.width, top, bottom, z, z + 1, 0, channels, kind)
+        )
+    else:
+        found = file.read_scanlines(0, 0, top, bottom, z, 0, channels, kind)
+    if found is None:
+        return None
+    samples: NDArray[Any] = found.reshape(rows.stop - rows.start, spec.width, channels)
+    return samples
+
+
+def _upright(
+    spec: Any, rows: slice, samples: NDArray[Any]
+) -> tuple[tuple[slice, slice], NDArray[Any]]:
+    """Samples of some rows, and where they lie, turned as cameras write it (EXIF 1 to 8)."""
     turn = spec.get_int_attribute("Orientation", 1)
-    width, height = spec.width, spec.height
-    if samples is not None:
-        samples = samples.reshape(height, width, spec.nchannels)
-        if turn in (5, 6, 7, 8):
-            samples = samples.swapaxes(0, 1)
-        if turn in (3, 4, 7, 8):
-            samples = samples[::-1]
-        if turn in (2, 3, 6, 7):
-            samples = samples[:, ::-1]
-        samples = np.ascontiguousarray(samples)
+    places, sizes = [rows, slice(0, spec.width)], [spec.height, spec.width]
     if turn in (5, 6, 7, 8):
+        samples, places, sizes = samples.swapaxes(0, 1), places[::-1], sizes[::-1]
+    for axis, turns in enumerate(((3, 4, 7, 8), (2, 3, 6, 7))):
+        if turn in turns:
+            samples = samples[::-1] if axis == 0 else samples[:, ::-1]
+            place, size = places[axis], sizes[axis]
+            places[axis] = slice(size - place.stop, size - place.start)
+    return (places[0], places[1]), samples
+
+
+def _said(path: Path, spec: Any, kind: str) -> Raster:
+    width, height = spec.width, spec.height
+    if spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8):
         width, height = height, width
     return Raster(
-        samples=samples,
         width=width,
         height=height,
         channels=tuple(_canonical(spec)),
@@ -127,7 +190,18 @@ def _upright(spec: Any, samples: NDArray[Any] | None) -> Raster:
         gamma=_gamma(spec),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
+        at_once=_is_at_once(path, spec, kind),
     )
+
+
+def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
+    """Whether OpenImageIO may hold all of a file: a JPEG does not tell if it is progressive."""
+    if kind == "png":
+        return read_head(path, _PNG_HEAD)[-1] != 0
+    if kind == "tiff" and spec.tile_height:
+        across = -(-spec.width // spec.tile_width)
+        return bool(across * spec.tile_bytes(True) > _TILES_BYTES)
+    return kind not in ("tiff", "hdr")
 
 
 def _canonical(spec: Any) -> Iterator[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import index
 from typing import NamedTuple
 
 import torch
@@ -208,12 +209,13 @@ def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[
         device = seeds.device
         drawn = torch.randint(2**63 - 1, (count,), generator=seeds, device=device)
         return [int(seed) for seed in drawn]
-    numbers = [int(seed) for seed in seeds]
+    wanted = f"seeds must be one whole number for each of {count} pictures"
+    try:
+        numbers = [index(seed) for seed in seeds]
+    except TypeError:
+        raise ValueError(f"{wanted}, got {seeds}; the indices of the samples will do") from None
     if len(numbers) != count:
-        raise ValueError(
-            f"seeds must be one whole number for each of {count} pictures, got {len(numbers)}; "
-            "the indices of the samples will do"
-        )
+        raise ValueError(f"{wanted}, got {len(numbers)}; the indices of the samples will do")
     return numbers
 
 

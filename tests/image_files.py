@@ -36,11 +36,13 @@ def write_deep(path: Path) -> None:
 
 
 def save(path: Path, samples: Any, **attributes: Any) -> Path:
-    """Write samples as they are; ``a__b`` stands for the attribute a:b."""
+    """Write samples as they are; ``a__b`` stands for the attribute a:b, and ``tile`` for a size."""
     height, width, channels = samples.shape
     kind = {"float32": "float"}.get(samples.dtype.name, samples.dtype.name)
     spec = oiio.ImageSpec(width, height, channels, kind)
     spec.attribute("oiio:UnassociatedAlpha", 1)
+    spec.x, spec.y = attributes.pop("x", 0), attributes.pop("y", 0)
+    spec.tile_width, spec.tile_height = attributes.pop("tile", (0, 0))
     for name, value in attributes.items():
         spec.attribute(name.replace("__", ":"), value)
     output: Any = oiio.ImageOutput.create(str(path))

@@ -167,6 +167,86 @@ def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path: Path, out
     assert done == [set("ad"), set("be"), set("c")]
 
 
+def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path: Path, out: Path) -> None:
+    text = JOBS.replace('["1.5m", "2m"]', '["1m", "2m", "3m", "4m", "5m"]')
+    path = jobs_file(tmp_path, "a", text=text)
+    for number in (1, 2, 3):
+        run("batch", path, "-o", out, "--shard", f"{number}/3")
+    done = [len(records(out, f"journal-{number}of3.jsonl")) for number in (1, 2, 3)]
+    assert done == [2, 2, 1]
+    assert run("merge", out, "--json").json["jobs"] == 5
+
+
+def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    lines = (out / "journal.jsonl").read_text().split("\n")
+    (out / "journal.jsonl").write_text("\n".join([*lines[:2], lines[2][:-5], *lines[3:]]))
+    refused(run("batch", path, "-o", out), 3, "line 3, of a_focus2m, is broken; remove", "outputs")
+    (out / "journal.jsonl").write_text("\n".join([*lines[:2], *lines[3:]]))
+    refused(run("batch", path, "-o", out), 3, "a_focus2m.exr", "move it away")
+    (out / "coc" / "a_focus2m.exr").unlink()
+    assert "1 done, 3 done before" in run("batch", path, "-o", out).err
+
+
+@pytest.mark.parametrize("moved", ["out", "rgb"])
+def test_where_the_inputs_are_is_said_anew_when_files_have_moved(
+    moved: str, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = jobs_file(Path(), "a", "b", "c")
+    run("batch", path, "-o", "out")
+    before = records(out)
+    if moved == "out":
+        out = tmp_path / "some" / "where"
+        out.parent.mkdir()
+        (tmp_path / "out").rename(out)
+    else:
+        Path("rgb").rename("color")
+        path.write_text(JOBS.replace("rgb/", "color/"))
+    assert run("batch", path, "-o", out).err.endswith("6 jobs: 6 done before\n")
+    for sample in samples(out):
+        assert sample.inputs["color"].exists()
+        assert sample.inputs["depth"].exists()
+    told = [record["finished"] for record in records(out)]
+    assert told == 2 * [record["finished"] for record in before]
+    run("batch", path, "-o", out)
+    assert len(records(out)) == len(told), "once is enough"
+    assert run("status", out, "--json").json["jobs"] == 6
+
+
+def test_a_sample_made_anew_with_fewer_kinds_is_indexed_once(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a", text=JOBS.replace('"coc"', '"coc", "disparity"'))
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
+    run("batch", path, "-o", out)
+    assert [(one.sample_id, one.lens.fnum) for one in samples(out)] == [
+        ("a_focus1.5m", 4.0),
+        ("a_focus2m", 4.0),
+    ]
+    assert {kind for one in samples(out) for kind in one.files} == {"coc"}
+
+
+def test_kinds_made_one_after_another_are_one_sample(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a")
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace('"coc"', '"disparity"'))
+    run("batch", path, "-o", out, "--shards-size", "1MB")
+    assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus2m"]
+    assert all(set(one.files) == {"coc", "disparity"} for one in samples(out))
+
+
+def test_a_preview_that_alone_is_left_is_no_sample(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a", text=JOBS + "preview = true\n")
+    run("batch", path, "-o", out)
+    path.write_text(JOBS)
+    (tmp_path / "rgb" / "a.exr").write_bytes(b"")
+    assert run("batch", path, "-o", out).code == 1
+    assert not list(samples(out))
+
+
 def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, *"abc")
     run("batch", path, "-o", out, "--shard", "1/3")

@@ -52,10 +52,14 @@ def frames(tmp_path: Path, kind: str) -> tuple[Path, Path]:
     color = color_exr(tmp_path / "c.exr", pixels)
     if kind == "png":
         color = save(tmp_path / "c.png", (255 * np.clip(pixels, 0, 1)).astype(np.uint8))
+    if kind == "tiff":
+        color = save(tmp_path / "c.tif", np.float32(pixels), tile=(16, 32))
+        depth = (1000 * ramp(*SIZE)).astype(np.uint16)[..., None]
+        return color, save(tmp_path / "z.png", depth)
     return color, depth_exr(tmp_path / "z.exr", ramp(*SIZE))
 
 
-@pytest.mark.parametrize("kind", ["exr", "png"])
+@pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
 @pytest.mark.parametrize("written", ["exr", "float", "png", "png16", "tiff", "jpg"])
 def test_scratch_files_change_no_byte(
     kind: str, written: str, tmp_path: Path, request: pytest.FixtureRequest
@@ -199,7 +203,9 @@ def test_too_little_memory_is_refused_with_how_much_would_do(
     monkeypatch.setattr(forecast, "_REMEDIES", ())
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
     ran = render(*args, "--memory", "20MB")
-    refused(ran, 3, "needs about", "0 MB are left", "use --memory ")
+    refused(ran, 3, "needs about", "0 MB are left beside the", "of the program; use --memory ")
+    dry = render(*args, "--memory", "20MB", "--dry-run")
+    assert (dry.code, dry.err) == (3, ran.err), "a dry run says so, too"
     enough = ran.err.strip().rpartition(" ")[2]
     assert render(*args, "--memory", enough).code == 0
 

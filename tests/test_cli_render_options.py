@@ -26,7 +26,7 @@ from command_line import (
 from image_files import multi_part
 
 from defocus_cli.commands.render import command
-from defocus_cli.raster import read_raster
+from defocus_cli.raster import read_samples
 from defocus_core import QUALITIES, stream
 
 SIZE = 64
@@ -231,8 +231,7 @@ def test_preview_shows_the_picture_as_it_looks(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "c.exr", np.full((16, 24, 3), 0.2140, np.float32))
     render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--preview")
     assert files_under(tmp_path / "out") == {"render/c.exr", "render/c.preview.png"}
-    samples = read_raster(tmp_path / "out" / "render" / "c.preview.png").samples
-    assert samples is not None
+    ((_, samples),) = read_samples(tmp_path / "out" / "render" / "c.preview.png")
     assert samples.dtype == np.uint8
     assert np.abs(samples.astype(int) - 127).max() <= 1  # sRGB of 21.4 % light
 

@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from image_files import SCANLINE, box, random_planes, write_deep, write_window
 
+from defocus_cli import exr, exr_strips
+from defocus_cli.arrays import Keeping
 from defocus_cli.errors import InputError
 from defocus_cli.exr import clamped_half, read_parts, write_exr
 from defocus_cli.exr_header import read_headers
@@ -146,3 +149,75 @@ def test_not_an_exr_file_says_so(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"not an OpenEXR file|damaged OpenEXR header"):
         read_headers(path)
+
+
+COMPRESSIONS = [name for name in dir(OpenEXR) if name.endswith("_COMPRESSION")]
+
+
+def tiles(width: int, height: int) -> dict[str, Any]:
+    described = OpenEXR.TileDescription()
+    described.xSize, described.ySize = width, height
+    return {"type": OpenEXR.tiledimage, "tiles": described, "compression": OpenEXR.ZIP_COMPRESSION}
+
+
+def same_in_pieces(path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int = 3000) -> None:
+    whole = read_parts(path)
+    monkeypatch.setattr(exr_strips, "_STRIP_BYTES", piece_bytes)
+    for part, again in zip(whole, read_parts(path, keeping=Keeping(scratch=True)), strict=True):
+        assert again.attributes.keys() == part.attributes.keys()
+        assert again.channels.keys() == part.channels.keys()
+        for name, plane in part.channels.items():
+            np.testing.assert_array_equal(again.channels[name][:], plane)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_scan_lines_of_all_compressions_are_the_same_in_pieces(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = {"type": OpenEXR.scanlineimage, "compression": getattr(OpenEXR, compression)}
+    OpenEXR.File(header, random_planes("RGBZ", (600, 20))).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_tiles_of_all_compressions_are_the_same_in_pieces(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = {**tiles(16, 24), "compression": getattr(OpenEXR, compression)}
+    OpenEXR.File(header, random_planes("RGBZ", (70, 50))).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+@pytest.mark.parametrize("piece_bytes", [1, 20_000, 10**6])
+def test_a_texture_with_its_smaller_copies_is_the_same_in_pieces_of_any_size(
+    piece_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texture = oiio.ImageBuf(oiio.ImageSpec(50, 70, 3, "float"))
+    texture.set_pixels(oiio.ROI(), np.random.default_rng(4).random((70, 50, 3), np.float32))
+    tiled = oiio.ImageSpec()
+    tiled.tile_width, tiled.tile_height = 32, 16
+    assert oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, texture, f"{tmp_path}/a.exr", tiled)
+    same_in_pieces(tmp_path / "a.exr", monkeypatch, piece_bytes)
+
+
+def test_tiled_parts_and_windows_are_the_same_in_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, display = box(-5, 7, 44, 66), box(0, 0, 39, 79)
+    windows = {"dataWindow": data, "displayWindow": display}
+    parts = [
+        OpenEXR.Part({"name": "lines", **SCANLINE, **windows}, random_planes("RGB", (60, 50))),
+        OpenEXR.Part({"name": "tiles", **tiles(16, 24), **windows}, random_planes("Z", (60, 50))),
+        OpenEXR.Part({"name": "after", **SCANLINE, **windows}, random_planes("Y", (60, 50))),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    OpenEXR.File(tiles(64, 64), random_planes("RGB", (70, 80))).write(str(tmp_path / "a.exr"))
+    monkeypatch.setattr(exr, "_LARGEST_TILE", 64 * 64 * 12 - 1)
+    with pytest.raises(InputError, match="piece by piece; allow more --memory"):
+        read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from image_files import (
     write_window,
 )
 
+from defocus_cli import arrays
 from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.exr import write_exr
 from defocus_cli.images import Color, describe, read_color, require_finite
@@ -84,8 +86,12 @@ def test_grey_is_y(tmp_path: Path) -> None:
     assert read_color(save(tmp_path / "b.png", integers(8, 2))).channels == ("Y", "A")
 
 
+@pytest.mark.parametrize("strip", [1, 10**6])
 @pytest.mark.parametrize("turn", range(1, 9))
-def test_a_photograph_comes_upright(tmp_path: Path, turn: int) -> None:
+def test_a_photograph_comes_upright(
+    tmp_path: Path, turn: int, strip: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arrays.bands, "__defaults__", (strip,))
     upright = np.arange(42, dtype=np.uint8).reshape(*SHAPE, 1).repeat(3, axis=2)
     # EXIF: where row 0 and column 0 of the stored image are seen.
     undo: Any = {
@@ -102,6 +108,50 @@ def test_a_photograph_comes_upright(tmp_path: Path, turn: int) -> None:
     path = save(tmp_path / "a.tif", stored, Orientation=turn)
     np.testing.assert_allclose(read_color(path).pixels, srgb(upright / 255), rtol=1e-6)
     assert (describe(path).height, describe(path).width) == SHAPE
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("a.png", {}),
+        ("a.jpg", {}),
+        ("progressive.jpg", {"jpeg__progressive": 1}),
+        ("a.hdr", {}),
+        ("a.tif", {}),
+        ("one_strip.tif", {"tiff__RowsPerStrip": 40}),
+        ("tiled.tif", {"tile": (16, 32)}),
+        ("elsewhere.tif", {"tile": (16, 16), "x": 7, "y": 11}),
+    ],
+)
+def test_strips_of_a_file_are_the_whole(
+    name: str, more: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    samples = np.random.default_rng(5).integers(0, 256, (40, 29, 3), np.uint8)
+    if name.endswith("hdr"):
+        samples = samples.astype(np.float32)
+    path = save(tmp_path / name, samples, **more)
+    whole = read_color(path).pixels
+    assert name.endswith(("jpg", "hdr")) or np.array_equal(whole, np.float32(srgb(samples / 255)))
+    monkeypatch.setattr(arrays.bands, "__defaults__", (100,))
+    np.testing.assert_array_equal(read_color(path).pixels, whole)
+
+
+def test_what_a_decoder_holds_at_once_is_known(tmp_path: Path) -> None:
+    samples = integers(8, 3)
+    for name, more, at_once in (
+        ("a.png", {}, False),
+        ("a.tif", {}, False),
+        ("tiled.tif", {"tile": (16, 16)}, False),
+        ("large.tif", {"tile": (4096, 8192)}, True),
+        ("a.jpg", {}, True),
+    ):
+        assert describe(save(tmp_path / name, samples, **more)).at_once == at_once, name
+    lone = b"\0\0\0\1" * 2 + bytes([8, 2, 0, 0, 1])  # one pixel of 8-bit RGB, interlaced
+    chunks = (b"IHDR", lone), (b"IDAT", zlib.compress(bytes(4))), (b"IEND", b"")
+    path = tmp_path / "interlaced.png"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(*chunk) for chunk in chunks))
+    assert describe(path).at_once
+    assert not read_color(path).pixels.any()
 
 
 def test_exr_colour_is_taken_as_it_is(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from defocus_cli.errors import InputError
-from defocus_cli.journal import Journal, Shard, journal_path, merged, read, read_all
+from defocus_cli.journal import Journal, Shard, journal_path, merged, read, read_all, told_path
 from defocus_cli.ledger import Ledger
 
 
@@ -88,6 +88,14 @@ def test_a_broken_line_elsewhere_is_named_by_its_number(path: Path) -> None:
         read(path)
 
 
+def test_a_broken_line_is_named_by_its_sample_where_that_can_be_read(path: Path) -> None:
+    write(path, record('ü "1"'), record("b"))
+    lines = path.read_bytes().split(b"\n")
+    path.write_bytes(b"\n".join([lines[0], lines[1][:-9], lines[2]]))
+    with pytest.raises(InputError, match=r'line 2, of ü "1", is broken; remove .* the outputs of'):
+        read(path)
+
+
 def test_a_full_disk_leaves_the_journal_as_it_was(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,6 +121,20 @@ def test_the_records_of_shards_are_read_in_the_order_of_their_ends(tmp_path: Pat
     assert [each["sample_id"] for each in read_all(tmp_path)] == list("abcd")
 
 
+def test_paths_of_inputs_lead_to_them_through_linked_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("deep/jobs", "deep/rgb", "rgb", "disk", "out"):
+        Path(folder).mkdir(parents=True)
+    Path("jobs").symlink_to("deep/jobs")
+    Path("linked").symlink_to("disk")
+    assert told_path(Path("jobs/../rgb/a.exr"), Path("out")) == "../deep/rgb/a.exr"
+    assert told_path(Path("rgb/../rgb/a.exr"), Path("out")) == "../rgb/a.exr"
+    assert told_path(Path("linked/a.exr"), Path("out")) == "../linked/a.exr", "as given"
+    assert told_path(Path("a.exr"), Path("jobs")) == "../../a.exr"
+
+
 def test_merging_keeps_each_record_once(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_bytes(merged([record("a"), record("b"), record("a")]))
@@ -127,7 +149,9 @@ def test_the_last_record_of_a_file_holds(tmp_path: Path) -> None:
 
 def test_a_record_holds_until_all_its_files_are_another_s(tmp_path: Path) -> None:
     records = [record("a", "ok", "render", "coc"), record("a", "ok", "coc")]
-    assert len(Ledger(tmp_path, records).live) == 2
+    rest, last = Ledger(tmp_path, records).live
+    assert set(rest["outputs"]) == {"render"}
+    assert last is records[1]
     assert len(Ledger(tmp_path, [*records, record("a", "ok", "render")]).live) == 2
     assert len(Ledger(tmp_path, [*records, record("a", "ok", "render", "coc")]).live) == 1
 

@@ -177,6 +177,8 @@ def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(
         ("image must be", (image()[0], depth(), [1, 2, 3])),
         ("depth must be", (image(), depth()[..., 1:], [1, 2, 3])),
         ("seeds must be one", (image(), depth(), [1, 2])),
+        ("seeds must be one", (image(), depth(), [1.5, 2, 3])),
+        ("seeds must be one", (image(), depth(), 7)),
         ("depth must be positive", (image(), depth() - 1000, [1, 2, 3])),
         ("foc_dist must be farther", (image(), depth() / 1000, [1, 2, 3])),
     ],

@@ -30,7 +30,8 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     written = aftermath.index(out, shards_size)
     report.say(f"{out}: {merged.jobs} jobs, from {merged.journals} journals of shards")
     if merged.missing:
-        report.say(f"{out}: warning: no journal of shards {', '.join(merged.missing)}")
+        missing = f"no journal of shards {', '.join(merged.missing)}"
+        report.say(f"{out}: warning: {missing}; they did not run, or had nothing to do")
     if as_json:
         told = {"jobs": merged.jobs, "journals": merged.journals, "missing": merged.missing}
         report.print_json(**told, written=[str(path) for path in written])
