@@ -22,26 +22,22 @@ _STEPS = (2, 4, 6, 8, 11, 14, 18, 22)
 _FARTHEST = 24.0
 # How much the radius in px of a colour may differ from the one that is continued.
 _OF_ONE = 2.0
-# Slopes of brightness, per px and as a share of it, that have no direction; and the coherence below
+# Slopes of colour, per px and as a share of it, that have no direction; and the coherence below
 # which there is hardly one.
 _FLAT, _HARDLY = 1e-3, 0.05
-
-# Px around a pixel that decide its direction.
-AROUND = _AROUND + 1
 
 
 def structure(image: Tensor, signed_radius: Tensor) -> Tensor:
     """The structure tensor of a picture [C, H, W]: [3, H, W], of xx, xy and yy.
 
-    Edges of depth are not part of it.
+    Summed over channels (Di Zenzo 1986). Edges of depth are not part of it.
 
     Args:
         image: Linear.
         signed_radius: [H, W] px.
     """
-    brightness, r = image.mean(0), signed_radius.detach()
-    x, y = (_slope(brightness, r, dim) for dim in (1, 0))
-    tensor = torch.stack([x * x, x * y, y * y])
+    x, y = (_slope(image, signed_radius.detach(), dim) for dim in (-1, -2))
+    tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
     size = 2 * _AROUND + 1
     for kernel, edge in (((size, 1), (_AROUND, 0)), ((1, size), (0, _AROUND))):
         tensor = avg_pool2d(tensor, kernel, stride=1, padding=edge, count_include_pad=False)
@@ -49,17 +45,21 @@ def structure(image: Tensor, signed_radius: Tensor) -> Tensor:
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
-    """The mean slope [H, W] towards both neighbours, of those that are of the same surface."""
+    """The mean slope [C, H, W] towards both neighbours, of those that are of the same surface."""
     n = values.shape[dim] - 1
     if n < 1:
         return torch.zeros_like(values)
     same = (r.diff(dim=dim).abs() < _SAME).to(values.dtype)
-    step = values.diff(dim=dim) * same
-    none = torch.zeros_like(values.narrow(dim, 0, 1))
-    total, count = (
-        torch.cat([one, none], dim) + torch.cat([none, one], dim) for one in (step, same)
-    )
+    total, count = (_of_both(each, dim) for each in (values.diff(dim=dim) * same, same))
     return total / count.clamp(min=1)
+
+
+def _of_both(between: Tensor, dim: int) -> Tensor:
+    """For each pixel the sum of what lies between it and its two neighbours, if it has them."""
+    n = between.shape[dim] - 1
+    first, last = between.narrow(dim, 0, 1), between.narrow(dim, n, 1)
+    inner = between.narrow(dim, 0, n) + between.narrow(dim, 1, n)
+    return torch.cat([first, inner, last], dim)
 
 
 def transported(
@@ -100,7 +100,7 @@ def transported(
 def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """The direction in which n pixels change least, [n, 2] as y and x, and how clear it is, [n]."""
     xx, xy, yy = tensor.unbind(1)
-    flat = (_FLAT * color.mean(1)) ** 2 + torch.finfo(color.dtype).tiny
+    flat = _FLAT**2 * (color * color).sum(1) + torch.finfo(color.dtype).tiny
     trace = xx + yy + flat
     cosine, sine = (xx - yy) / trace, 2 * xy / trace  # of twice the angle of the gradient
     square = cosine * cosine + sine * sine

@@ -39,6 +39,7 @@ LAYERS = [
         "scenery",
         "slopes",
         "threads",
+        "transport",
     },
     {"tiling"},
     {"source"},
