@@ -33,7 +33,7 @@ def test_gradients_to_the_image_are_exact(quality: str) -> None:
         assert o.left is not None
         return o.render, o.left
 
-    assert gradcheck(pictures, (picture().requires_grad_(),), atol=1e-6)
+    assert gradcheck(pictures, (picture().requires_grad_(),), atol=1e-6, fast_mode=True)
 
 
 def test_gradients_to_the_radius_are_exact_where_the_order_does_not_change() -> None:
@@ -44,7 +44,7 @@ def test_gradients_to_the_radius_are_exact_where_the_order_does_not_change() -> 
         assert o.right is not None
         return o.render, o.right
 
-    assert gradcheck(pictures, (slope_with_a_card(),), atol=1e-5)
+    assert gradcheck(pictures, (slope_with_a_card(),), atol=1e-5, fast_mode=True)
 
 
 def test_gradients_to_depth_and_lens_are_exact() -> None:
