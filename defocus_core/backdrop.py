@@ -14,7 +14,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.halving import Axis, axes, extended, greatest, halved, halves, spread_out
+from defocus_core.halving import (
+    Axis,
+    Coarse,
+    axes,
+    extended,
+    greatest,
+    halved,
+    halves,
+    spread_out,
+)
 from defocus_core.source import Pixels, banded
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
@@ -40,25 +49,12 @@ _NOWHERE = -2 << _LEVELS << _BITS
 _MOST = 4096.0
 
 
-class Coarse(NamedTuple):
-    """A frame at reduced resolution.
-
-    Attributes:
-        values: [K, h, w] colour and radius in px.
-        rank: [h, w] px, the least radius in and beside each pixel of it; -inf where nothing is.
-        middle: Where the middle of the frame is in it.
-    """
-
-    values: Tensor
-    rank: Tensor
-    middle: tuple[Axis, Axis]
-
-
 class Backdrop(NamedTuple):
     """What regions need to know of the frame around them.
 
     Attributes:
-        pictures: Of a quarter of the resolution, an eighth, and so on.
+        pictures: Colour and radius in px of a quarter of the resolution, an eighth, and so on.
+            Their ranks are those of the pixels beside, too.
         cone: [h, w] integers, half as large, see `_edges`.
         grain: Px that are 1 in a cone.
         fine: Where the middle of the frame is at full resolution.
@@ -93,17 +89,6 @@ class Backdrop(NamedTuple):
         shown = torch.minimum((cone >> _BITS) + math.floor(DECAY / self.grain), source)
         dtype = self.pictures[0].rank.dtype
         return shown.to(dtype) * self.grain, source.to(dtype) * self.grain
-
-    def places(self, at: Tensor, halvings: int) -> Tensor:
-        """Rows and columns [n, 2] of the frame, counted in pixels of a reduced resolution."""
-        share, middle = 0.5**halvings, self.pictures[halvings - COARSE].middle
-        found = [
-            middle[d].middle + (at[:, d] - self.fine[d].middle) * share
-            if self.fine[d].odd
-            else middle[d].middle - 0.5 + (at[:, d] + 0.5 - self.fine[d].middle) * share
-            for d in (0, 1)
-        ]
-        return torch.stack(found, 1)
 
 
 def backdrop(
@@ -162,7 +147,7 @@ def backdrop(
     sums, rank, cone = _put_together(found, (quarter.length, quarter.length, half.length))
     some = sums[-1] > 0
     values = sums[:-1] / torch.where(some, sums[-1], 1.0)
-    pictures = [Coarse(values, torch.where(some, rank, -torch.inf), middle)]
+    pictures = [Coarse(values, torch.where(some, rank, -torch.inf), middle, COARSE)]
     deepest = int(level_of(torch.tensor(max(most - least, 1.0))))
     for _ in range(COARSE, halvings_for(min(deepest, levels_of(quarter.length, width)))):
         pictures.append(_halved(pictures[-1]))
@@ -189,7 +174,7 @@ def halvings_for(level: int) -> int:
 
 def _halved(picture: Coarse) -> Coarse:
     """The next coarser one."""
-    values, rank, middle = picture
+    values, rank, middle, halvings = picture
     some = (rank > -torch.inf).to(values.dtype)
     sums = torch.cat([values * some, some[None]])
     down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
@@ -200,6 +185,7 @@ def _halved(picture: Coarse) -> Coarse:
         sums[:-1] / torch.where(exists, sums[-1], 1.0),
         torch.where(exists, least, -torch.inf),
         (down.axis, across.axis),
+        halvings + 1,
     )
 
 

@@ -26,6 +26,38 @@ class Axis(NamedTuple):
     odd: bool
 
 
+class Coarse(NamedTuple):
+    """A frame at reduced resolution.
+
+    Attributes:
+        values: [K, h, w].
+        rank: [h, w] px, the least radius in each pixel of it; -inf where nothing is.
+        middle: Where the middle of the frame is in it.
+        halvings: How many times resolution is halved.
+    """
+
+    values: Tensor
+    rank: Tensor
+    middle: tuple[Axis, Axis]
+    halvings: int
+
+    def places(self, at: Tensor, fine: tuple[Axis, Axis]) -> Tensor:
+        """Rows and columns [n, 2] in pixels of this resolution.
+
+        Args:
+            at: The same at full resolution.
+            fine: Where the middle of the frame is there.
+        """
+        share = 0.5**self.halvings
+        found = [
+            coarse.middle + (at[:, d] - axis.middle) * share
+            if axis.odd
+            else coarse.middle - 0.5 + (at[:, d] + 0.5 - axis.middle) * share
+            for d, (axis, coarse) in enumerate(zip(fine, self.middle, strict=True))
+        ]
+        return torch.stack(found, 1)
+
+
 def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:
     """The middle of a frame of (height, width), counted from a pixel of it."""
     down, across = (

@@ -24,7 +24,7 @@ from defocus_core.backdrop import (
     levels_of,
 )
 from defocus_core.continuation import REACH, continued
-from defocus_core.halving import Axis
+from defocus_core.halving import Axis, Coarse
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 from defocus_core.transport import structure, transported
@@ -132,30 +132,46 @@ def hidden_layer(
     )
     for level in torch.unique(levels).tolist():
         some = torch.nonzero(levels == level)[:, 0]
+        places, borders = at.index_select(0, some), border.index_select(0, some)
         if level > finest:
-            cells, halvings = _cells(at[some], border[some], middle), halvings_for(level)
-            picture = beyond.pictures[halvings - COARSE]
-            result, exists = continued(
-                [picture.values],
-                picture.rank,
-                beyond.places(cells.at + cells.at.new_tensor(box[:2]), halvings),
-                cells.border,
-                level=level - halvings,
-                middle=picture.middle,
-            )
-            result, exists = result.index_select(0, cells.of), exists.index_select(0, cells.of)
+            picture = beyond.pictures[halvings_for(level) - COARSE]
+            result, exists = _coarsely(picture, places, borders, middle, level)
         else:
-            fine = (*values, structure(image, signed_radius))
-            result, exists = continued(fine, r, at[some], border[some], level=level, middle=middle)
-            result, tensor = result[:, :-3], result[:, -3:]
-            lines = transported(image, signed_radius, at[some], border[some], result, tensor)
+            result, exists = continued(values, r, places, borders, level=level, middle=middle)
+            picture = structure(image, signed_radius, middle)
+            tensor, _ = _coarsely(picture, places, borders, middle, level)
+            lines = transported(image, signed_radius, places, borders, result, tensor)
             result = torch.cat([lines, result[:, -1:]], 1)
-        found = found.index_put((some[exists],), result[exists])
+        found = found.index_copy(0, some[exists], result[exists])
     color = torch.zeros_like(wanted.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
     radius = wanted.of(signed_radius).flatten().index_copy(0, index, found[:, -1])
     radius = radius.reshape(inside.shape)
     mask = behind & (radius.detach() > inside + STEP)
     return HiddenLayer(color.reshape(-1, *inside.shape), radius, mask)
+
+
+def _coarsely(
+    picture: Coarse, at: Tensor, border: Tensor, middle: tuple[Axis, Axis], level: int
+) -> tuple[Tensor, Tensor]:
+    """What `continued` returns, from a picture at reduced resolution, alike all over a cell.
+
+    Args:
+        picture: K channels.
+        at: [n, 2] rows and columns at full resolution.
+        border: [n].
+        middle: Of the frame at full resolution.
+        level: Counted from full resolution.
+    """
+    cells = _cells(at, border, middle)
+    result, exists = continued(
+        [picture.values],
+        picture.rank,
+        picture.places(cells.at, middle),
+        cells.border,
+        level=level - picture.halvings,
+        middle=picture.middle,
+    )
+    return result.index_select(0, cells.of), exists.index_select(0, cells.of)
 
 
 class _Cells(NamedTuple):

@@ -8,16 +8,19 @@ structure tensor (Förstner and Gülch 1987), which is continued like a colour.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
 
-# Px to each side over which directions are averaged.
-_AROUND = 4
-# Neighbours whose radii in px differ by more are not of one surface.
-_SAME = 0.5
+from defocus_core.halving import Axis, Coarse, extended, greatest, halved, halves, pulled
+
+# Pixels of half resolution whose radii in px differ by more are not neighbours on one surface.
+_SAME = 1.0
+# How many times resolution is halved for directions.
+_HALVINGS = 2
 # Px from a pixel, along its direction, at which a known one is looked for.
-_STEPS = (2, 4, 6, 8, 11, 14, 18, 22)
+_STEPS = (2, 4, 7, 11, 16, 22)
 # Px at which a colour from one side alone counts nothing.
 _FARTHEST = 24.0
 # How much the radius in px of a colour may differ from the one that is continued.
@@ -27,21 +30,36 @@ _OF_ONE = 2.0
 _FLAT, _HARDLY = 1e-3, 0.05
 
 
-def structure(image: Tensor, signed_radius: Tensor) -> Tensor:
-    """The structure tensor of a picture [C, H, W]: [3, H, W], of xx, xy and yy.
+def structure(image: Tensor, signed_radius: Tensor, middle: tuple[Axis, Axis]) -> Coarse:
+    """The structure tensor of a picture at a quarter of its resolution: xx, xy and yy.
 
-    Summed over channels (Di Zenzo 1986). Edges of depth are not part of it.
+    Of slopes at half of it, summed over channels (Di Zenzo 1986). Edges of depth are not part of
+    it.
 
     Args:
-        image: Linear.
+        image: [C, H, W] linear.
         signed_radius: [H, W] px.
+        middle: Of the frame.
     """
-    x, y = (_slope(image, signed_radius.detach(), dim) for dim in (-1, -2))
+    r = signed_radius.detach()
+    half, rank, middle = _halved(torch.cat([image, r[None]]), r, middle, halved)
+    x, y = (_slope(half[:-1], half[-1], dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
-    size = 2 * _AROUND + 1
-    for kernel, edge in (((size, 1), (_AROUND, 0)), ((1, size), (0, _AROUND))):
-        tensor = avg_pool2d(tensor, kernel, stride=1, padding=edge, count_include_pad=False)
-    return tensor
+    return Coarse(*_halved(tensor, rank, middle, pulled), _HALVINGS)
+
+
+def _halved(
+    values: Tensor,
+    rank: Tensor,
+    middle: tuple[Axis, Axis],
+    sums: Callable[[Tensor, tuple[bool, bool]], Tensor],
+) -> tuple[Tensor, Tensor, tuple[Axis, Axis]]:
+    """Means of values [K, H, W], the least rank [H, W], and the middle at half resolution."""
+    down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
+    each = torch.cat([values, torch.ones_like(rank)[None]])
+    each = sums(extended(each, down, across, 0.0), (down.axis.odd, across.axis.odd))
+    least = -greatest(-rank, middle, -torch.inf)
+    return each[:-1] / each[-1:], least, (down.axis, across.axis)
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
@@ -129,19 +147,21 @@ def _first_beyond(
     H, W = size
     found = torch.zeros_like(at[:, 0])
     away = torch.full_like(border, torch.inf)
+    # halves are rounded away from 0: mirrored directions lead to mirrored pixels
+    half = torch.full_like(along, 0.5).copysign(along)
     left = torch.arange(len(at), device=at.device)
+    state = [*at.unbind(1), *along.unbind(1), *half.unbind(1), border]
     for step in _STEPS:
-        y, x = (at + _rounded(step * along)).unbind(1)
-        inside = (y >= 0) & (y < H) & (x >= 0) & (x < W)
-        spot = torch.where(inside, y * W + x, 0)
-        known = inside & (r.index_select(0, spot) > border)
-        found[left[known]] = spot[known]
-        away[left[known]] = step
-        rest = torch.nonzero(~known)[:, 0]
-        left, at, border, along = (v.index_select(0, rest) for v in (left, at, border, along))
+        y, x, down, across, half_down, half_across, limit = state
+        row = (y + torch.add(half_down, down, alpha=step).long()).clamp_(0, H - 1)
+        spot = row.mul_(W).add_(
+            (x + torch.add(half_across, across, alpha=step).long()).clamp_(0, W - 1)
+        )
+        known = r.index_select(0, spot) > limit
+        some, rest = (torch.nonzero(each)[:, 0] for each in (known, ~known))
+        here = left.index_select(0, some)
+        found.index_copy_(0, here, spot.index_select(0, some))
+        away.index_fill_(0, here, step)
+        left = left.index_select(0, rest)
+        state = [each.index_select(0, rest) for each in state]
     return found, away
-
-
-def _rounded(values: Tensor) -> Tensor:
-    """To the nearest integer, halves away from 0: mirrored directions lead to mirrored pixels."""
-    return (values.sign() * (values.abs() + 0.5).floor()).long()

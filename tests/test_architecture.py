@@ -26,7 +26,16 @@ LAYERS = [
     {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
-    {"compositing", "continuation", "convolution", "mixed", "points", "ramps", "slicing"}
+    {
+        "compositing",
+        "continuation",
+        "convolution",
+        "mixed",
+        "points",
+        "ramps",
+        "slicing",
+        "transport",
+    }
     | {"thin_lens"},
     {
         "aperture",
@@ -39,7 +48,6 @@ LAYERS = [
         "scenery",
         "slopes",
         "threads",
-        "transport",
     },
     {"tiling"},
     {"source"},
