@@ -57,7 +57,14 @@ def make_lens(flags: Mapping[str, Any], file: Path | None) -> Lens:
 
 
 def lens_of(values: Mapping[str, Any]) -> Lens:
-    """The lens of parsed options, of which none is missing and none contradicts another."""
+    """The lens of parsed options, of which none is missing and none contradicts another.
+
+    Raises:
+        UsageProblem: blades are turned that the lens does not have.
+    """
+    if "blade-rotation" in values and "blades" not in values:
+        remedy = "add --blades N, like 6, or leave it out"
+        raise UsageProblem("--blade-rotation", "turns blades; this aperture is round", remedy)
     foclen, focus = values["focal-length"], values.get("focus")
     fnum = values["fnumber"] if "fnumber" in values else foclen / values["aperture-diameter"]
     percentile = focus.percent if isinstance(focus, quantities.Percentile) else None

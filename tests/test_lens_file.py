@@ -26,6 +26,13 @@ def test_a_file_and_flags_of_the_same_values_are_the_same_lens(tmp_path: Path) -
     assert make_lens({}, lens_file(tmp_path, text)) == make_lens(flags, None)
 
 
+def test_a_round_aperture_cannot_be_turned(tmp_path: Path) -> None:
+    with pytest.raises(UsageProblem, match="--blade-rotation: turns blades"):
+        make_lens({**FLAGS, "blade-rotation": 30.0}, None)
+    with_blades = lens_file(tmp_path, "blades = 6\nblade-rotation = 30\n")
+    assert make_lens({**FLAGS, "blades": 0}, with_blades).blades == 0  # the file's, switched off
+
+
 def test_a_mark_that_editors_put_before_the_text_is_no_part_of_it(tmp_path: Path) -> None:
     path = tmp_path / "lens.toml"
     path.write_text('focal-length = "50mm"\n', encoding="utf-8-sig")

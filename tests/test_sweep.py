@@ -50,7 +50,7 @@ def test_lists_make_a_grid_whose_names_say_what_is_swept(tmp_path: Path) -> None
     ],
 )
 def test_every_option_of_a_lens_can_be_swept(tmp_path: Path, sweep: str, name: str) -> None:
-    fixed = {"focal-length": '"50mm"', "fnumber": "2", "focus": '"2m"'}
+    fixed = {"focal-length": '"50mm"', "fnumber": "2", "focus": '"2m"', "blades": "6"}
     key = {"aperture-diameter": "fnumber", "focus-at": "focus"}.get(
         sweep.split()[0], sweep.split()[0]
     )
