@@ -3,7 +3,8 @@
 Neighbouring pixels whose radii differ by more than one px hold a depth edge: with |∇r| < 1 the map
 from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.
 From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
-is continued by the colour and radius of what lies farther, near by first.
+is continued by the colour and radius of what lies farther, near by first, and along the lines that
+lead there.
 """
 
 from __future__ import annotations
