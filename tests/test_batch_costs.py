@@ -11,23 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from batches import records
+from batches import JOBS, records
 from command_line import color_exr, depth_exr, pair, texture
 
 pytestmark = pytest.mark.bench
 WIDTH, HEIGHT = 1920, 1080
-JOBS = """
-[inputs]
-color = "rgb/*.exr"
-depth = "depth/*.exr"
-[lens]
-focal-length = "50mm"
-fnumber = 2
-[sweep]
-focus = {focus}
-[outputs]
-kinds = ["render"]
-"""
 
 
 def scene(folder: Path, stem: str, seed: int) -> None:
@@ -40,9 +28,15 @@ def scene(folder: Path, stem: str, seed: int) -> None:
     depth_exr(folder / "depth" / f"{stem}.exr", metres)
 
 
+def jobs_of(folder: Path, focus: str) -> None:
+    """Write a jobs file that renders each picture at some distances."""
+    text = JOBS.replace('["1.5m", "2m"]', focus).replace('"coc"', '"render"')
+    (folder / "jobs.toml").write_text(text)
+
+
 def batch(folder: Path, focus: str, out: Path, *args: str) -> float:
     """CPU seconds of a batch on one process."""
-    (folder / "jobs.toml").write_text(JOBS.format(focus=focus))
+    jobs_of(folder, focus)
     words = [sys.executable, "-m", "defocus_cli", "batch", folder / "jobs.toml", "-o", out]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([*words, "--processes", "1", *args], check=True, capture_output=True)
@@ -71,7 +65,7 @@ def test_rendering_is_busy(tmp_path: Path) -> None:
 
 def test_memory_does_not_grow_with_the_jobs(tmp_path: Path) -> None:
     pair(tmp_path)
-    (tmp_path / "jobs.toml").write_text(JOBS.format(focus='"1.5m..3m @ 2000 in depth"'))
+    jobs_of(tmp_path, '"1.5m..3m @ 2000 in depth"')
     script = (
         "import resource, sys; from defocus_cli import batch_options, here, journal, main\n"
         "batch_options.Crew.execute = lambda crew: here.execute\n"

@@ -1,4 +1,4 @@
-"""``defocus batch``, ``status``, ``retry`` and ``merge``: many jobs, whatever stops them."""
+"""``defocus batch``, ``status`` and ``retry``: many jobs, whatever stops them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from batches import (
-    JOBS,
-    contents,
-    in_process,
-    jobs_file,
-    make_believe,
-    records,
-    without_times,
-)
+from batches import JOBS, contents, in_process, jobs_file, make_believe, records, without_times
 from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
 
 from defocus_cli import engine
@@ -127,56 +119,6 @@ def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
     assert not list(out.glob(".*"))
 
 
-def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    run("batch", path, "-o", out, "--shard", "1/2", "--limit", "1")
-    assert "shard 1/2 did not get to its end" in run("merge", out).err
-    assert run("status", out, "--json").json["left"] == 1
-    assert run("batch", path, "-o", out).code == 0
-    told = run("status", out, "--json").json
-    assert (told["ok"], told["left"], told["jobs"], told["shards"]) == (4, 0, 4, None)
-
-
-def test_shards_merged_are_one_run(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path, *"abcde")
-    run("batch", path, "-o", tmp_path / "whole")
-    for shard in ("1/2", "2/2"):
-        assert run("batch", path, "-o", out, "--shard", shard).code == 0
-    assert not (out / "metadata.jsonl").exists()
-    assert {path.name for path in out.glob("*.jsonl")} == {
-        "journal-1of2.jsonl",
-        "journal-2of2.jsonl",
-    }
-    told = run("merge", out, "--json")
-    assert told.json["jobs"] == 10
-    assert told.json["missing"] == []
-    assert [path.name for path in out.glob("journal*")] == ["journal.jsonl"]
-    assert contents(out) == contents(tmp_path / "whole")
-    assert without_times(out) == without_times(tmp_path / "whole")
-    assert run("merge", out).code == 0, "once more changes nothing"
-    assert run("batch", path, "-o", out).err.endswith("10 jobs: 10 done before\n")
-
-
-def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path, *"abcde")
-    done = []
-    for number in (1, 2, 3):
-        run("batch", path, "-o", out, "--shard", f"{number}/3")
-        found = records(out, f"journal-{number}of3.jsonl")
-        done.append({record["settings"]["stem"] for record in found})
-    assert done == [set("ad"), set("be"), set("c")]
-
-
-def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path: Path, out: Path) -> None:
-    text = JOBS.replace('["1.5m", "2m"]', '["1m", "2m", "3m", "4m", "5m"]')
-    path = jobs_file(tmp_path, "a", text=text)
-    for number in (1, 2, 3):
-        run("batch", path, "-o", out, "--shard", f"{number}/3")
-    done = [len(records(out, f"journal-{number}of3.jsonl")) for number in (1, 2, 3)]
-    assert done == [2, 2, 1]
-    assert run("merge", out, "--json").json["jobs"] == 5
-
-
 def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
     tmp_path: Path, out: Path
 ) -> None:
@@ -245,20 +187,6 @@ def test_a_preview_that_alone_is_left_is_no_sample(tmp_path: Path, out: Path) ->
     (tmp_path / "rgb" / "a.exr").write_bytes(b"")
     assert run("batch", path, "-o", out).code == 1
     assert not list(samples(out))
-
-
-def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path, *"abc")
-    run("batch", path, "-o", out, "--shard", "1/3")
-    assert "1 of 3 shards begun" in run("status", out).out
-    assert "warning: no journal of shards 2/3, 3/3" in run("merge", out).err
-    assert run("batch", path, "-o", out).err.startswith("2 jobs done before, 4 to do")
-
-
-@pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "1/0", "x/y", "-1/2"])
-def test_what_is_no_shard_is_refused(shard: str, tmp_path: Path, out: Path) -> None:
-    ran = run("batch", jobs_file(tmp_path), "-o", out, f"--shard={shard}")
-    refused(ran, 2, "--shard", "no part of a batch")
 
 
 def test_a_second_batch_on_the_same_directory_is_refused(tmp_path: Path, out: Path) -> None:
