@@ -18,6 +18,7 @@ from defocus_core.halving import (
     Axis,
     Coarse,
     axes,
+    coarser,
     extended,
     greatest,
     halved,
@@ -150,7 +151,7 @@ def backdrop(
     pictures = [Coarse(values, torch.where(some, rank, -torch.inf), middle, COARSE)]
     deepest = int(level_of(torch.tensor(max(most - least, 1.0))))
     for _ in range(COARSE, halvings_for(min(deepest, levels_of(quarter.length, width)))):
-        pictures.append(_halved(pictures[-1]))
+        pictures.append(coarser(pictures[-1], halved))
     return Backdrop(pictures, _dilated(cone, grain, most - least), grain, fine)
 
 
@@ -170,23 +171,6 @@ def levels_of(height: int, width: int) -> int:
 def halvings_for(level: int) -> int:
     """At which resolution a deep continuation of some level begins."""
     return max(COARSE, level - _LEVELS_AT_ONCE)
-
-
-def _halved(picture: Coarse) -> Coarse:
-    """The next coarser one."""
-    values, rank, middle, halvings = picture
-    some = (rank > -torch.inf).to(values.dtype)
-    sums = torch.cat([values * some, some[None]])
-    down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
-    sums = halved(extended(sums, down, across, 0.0), (down.axis.odd, across.axis.odd))
-    exists = sums[-1] > 0
-    least = -greatest(torch.where(some > 0, -rank, -torch.inf), middle, -torch.inf)
-    return Coarse(
-        sums[:-1] / torch.where(exists, sums[-1], 1.0),
-        torch.where(exists, least, -torch.inf),
-        (down.axis, across.axis),
-        halvings + 1,
-    )
 
 
 def _put_together(parts: Iterable[tuple[Tensor, ...]], heights: tuple[int, ...]) -> list[Tensor]:

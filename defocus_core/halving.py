@@ -7,6 +7,7 @@ neighbours.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -167,6 +168,28 @@ def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
         values.narrow(dim, 1, n).add_(other.narrow(dim, 0, n), alpha=0.25)
         values.narrow(dim, 0, n).add_(even.narrow(dim, 1, n), alpha=0.25)
     return values
+
+
+def coarser(picture: Coarse, sums: Callable[[Tensor, tuple[bool, bool]], Tensor]) -> Coarse:
+    """The same at half of its resolution.
+
+    Args:
+        picture: Where nothing is, it has no weight.
+        sums: `halved` or `pulled`.
+    """
+    values, rank, middle, halvings = picture
+    some = (rank > -torch.inf).to(values.dtype)
+    each = torch.cat([values * some, some[None]])
+    down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
+    each = sums(extended(each, down, across, 0.0), (down.axis.odd, across.axis.odd))
+    exists = each[-1] > 0
+    least = -greatest(torch.where(some > 0, -rank, -torch.inf), middle, -torch.inf)
+    return Coarse(
+        each[:-1] / torch.where(exists, each[-1], 1.0),
+        torch.where(exists, least, -torch.inf),
+        (down.axis, across.axis),
+        halvings + 1,
+    )
 
 
 def averaged(

@@ -8,17 +8,13 @@ structure tensor (Förstner and Gülch 1987), which is continued like a colour.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
-from defocus_core.halving import Axis, Coarse, extended, greatest, halved, halves, pulled
+from defocus_core.halving import Axis, Coarse, coarser, halved, pulled
 
 # Pixels of half resolution whose radii in px differ by more are not neighbours on one surface.
 _SAME = 1.0
-# How many times resolution is halved for directions.
-_HALVINGS = 2
 # Px from a pixel, along its direction, at which a known one is looked for.
 _STEPS = (2, 4, 7, 11, 16, 22)
 # Px at which a colour from one side alone counts nothing.
@@ -42,24 +38,10 @@ def structure(image: Tensor, signed_radius: Tensor, middle: tuple[Axis, Axis]) -
         middle: Of the frame.
     """
     r = signed_radius.detach()
-    half, rank, middle = _halved(torch.cat([image, r[None]]), r, middle, halved)
-    x, y = (_slope(half[:-1], half[-1], dim) for dim in (-1, -2))
+    half = coarser(Coarse(torch.cat([image, r[None]]), r, middle, 0), halved)
+    x, y = (_slope(half.values[:-1], half.values[-1], dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
-    return Coarse(*_halved(tensor, rank, middle, pulled), _HALVINGS)
-
-
-def _halved(
-    values: Tensor,
-    rank: Tensor,
-    middle: tuple[Axis, Axis],
-    sums: Callable[[Tensor, tuple[bool, bool]], Tensor],
-) -> tuple[Tensor, Tensor, tuple[Axis, Axis]]:
-    """Means of values [K, H, W], the least rank [H, W], and the middle at half resolution."""
-    down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
-    each = torch.cat([values, torch.ones_like(rank)[None]])
-    each = sums(extended(each, down, across, 0.0), (down.axis.odd, across.axis.odd))
-    least = -greatest(-rank, middle, -torch.inf)
-    return each[:-1] / each[-1:], least, (down.axis, across.axis)
+    return coarser(half._replace(values=tensor), pulled)
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
