@@ -49,30 +49,31 @@ def continued(
     Returns:
         [n, K], and [n] bool whether there was something to continue.
     """
-    cuts = [_cut_up(n, axis, level) for n, axis in zip(rank.shape, middle, strict=True)]
-    row, column = (cut.number(at[:, d], middle[d]) for d, cut in enumerate(cuts))
-    size = (cuts[0].length, cuts[1].length)
+    axes = list(zip(rank.shape, middle, strict=True))
     borders, which = torch.unique(border, return_inverse=True)
-    corner = (row - row.min()) * (column.max() - column.min() + 1) + column - column.min()
-    keys, of = torch.unique(corner * len(borders) + which, return_inverse=True)
+    cells = [_cell(at[:, d], axis, level) for d, axis in enumerate(middle)]
+    pieces, of = _pieces(cells, which, len(borders), [_span(n, axis, level) for n, axis in axes])
     order = of.argsort(stable=True)
-    ends = torch.bincount(of, minlength=len(keys)).cumsum(0).tolist()
-    first_of = order[torch.tensor([0, *ends[:-1]], device=at.device)]
-    rows, columns, limits = row[first_of], column[first_of], border[first_of]
+    ends = [0, *torch.bincount(of, minlength=len(pieces)).cumsum(0).tolist()]
     picture = torch.cat([*values, torch.ones_like(rank)[None]])
     found = picture.new_zeros(len(at), len(picture) - 1)
     weight = picture.new_zeros(len(at))
-    start = 0
-    for first, last in _batches(len(ends), size[0] * size[1]):
-        some = order[start : ends[last - 1]]
-        start = ends[last - 1]
-        origin = [
-            cut.first + number[first:last] * cut.side
-            for cut, number in zip(cuts, (rows, columns), strict=True)
+    for first, last in _batches(pieces, level):
+        some = order[ends[first] : ends[last]]
+        corners = [
+            (
+                (piece.first[0] << level) + middle[0].middle,
+                (piece.first[1] << level) + middle[1].middle,
+            )
+            for piece in pieces[first:last]
         ]
-        result = _blocks(picture, rank, origin, size, limits[first:last], level, middle)
+        size = [
+            (n << level) + axis.odd for n, axis in zip(pieces[first].cells, middle, strict=True)
+        ]
+        limits = borders[[piece.border for piece in pieces[first:last]]]
+        result = _filled(picture, rank, corners, (size[0], size[1]), limits, level, middle)
         number = of[some] - first
-        places = [at[some, d] - origin[d][number] for d in (0, 1)]
+        places = at[some] - torch.tensor(corners, device=at.device)[number]
         sampled = _sampled(result, number, places, middle)
         share = sampled[:, -1:].detach()
         found = found.index_copy(0, some, sampled[:, :-1] / torch.where(share > 0, share, 1.0))
@@ -80,59 +81,119 @@ def continued(
     return found, weight > 0
 
 
-class _Cut(NamedTuple):
-    """How an axis is cut into blocks.
+class _Piece(NamedTuple):
+    """What is continued at once for pixels of one border, in cells of the coarsest level.
 
     Attributes:
-        first: The first pixel of the first block, with those around it.
-        side: Pixels from block to block; 0 if there is one.
-        length: Pixels of a block, with those around it.
+        first: Row and column of the first cell, counted from the middle of the frame.
+        cells: Rows and columns.
+        border: Its number.
     """
 
-    first: int
-    side: int
-    length: int
-
-    def number(self, at: Tensor, axis: Axis) -> Tensor:
-        """Of the blocks that hold pixels [n]."""
-        if not self.side:
-            return torch.zeros_like(at, dtype=torch.long)
-        place = at - axis.middle + (0.0 if axis.odd else 0.5)
-        return (place / self.side).floor().long()
+    first: tuple[int, int]
+    cells: tuple[int, int]
+    border: int
 
 
-def _cut_up(length: int, axis: Axis, level: int) -> _Cut:
-    """Blocks of an axis of some pixels: one where it is short."""
-    first, last = -axis.middle >> level, -(axis.middle - length >> level)
-    around = _AROUND << level
-    if last - first <= _CELLS:
-        start, side, cells = (first << level) + axis.middle, 0, last - first
-    else:
-        start, side, cells = axis.middle, _CELLS << level, _CELLS
-    return _Cut(start - around, side, ((cells + 2 * _AROUND) << level) + axis.odd)
+def _cell(at: Tensor, axis: Axis, level: int) -> Tensor:
+    """Cells [n] of 2^level px, counted from the middle, that hold pixels [n]."""
+    place = at - axis.middle + (0.0 if axis.odd else 0.5)
+    return (place / (1 << level)).floor().long()
 
 
-def _batches(count: int, samples: int) -> Iterator[tuple[int, int]]:
-    step = max(1, _SAMPLES // samples)
-    for first in range(0, count, step):
-        yield first, min(first + step, count)
+def _span(length: int, axis: Axis, level: int) -> tuple[int, int]:
+    """The first cell of an axis of some pixels and the end of the last, and one more each."""
+    return (-axis.middle >> level) - 1, -((axis.middle - length) >> level) + 1
 
 
-def _blocks(
+def _pieces(
+    cells: list[Tensor], which: Tensor, borders: int, spans: list[tuple[int, int]]
+) -> tuple[list[_Piece], Tensor]:
+    """What is to be continued, and in which piece of it each pixel is.
+
+    Of each border either the rectangle around all that ask, or blocks that are asked, whichever are
+    fewer cells.
+
+    Args:
+        cells: Row and column of n pixels, [n] both.
+        which: [n] number of the border of each.
+        borders: How many there are.
+        spans: Cells that hold anything.
+    """
+    blocks = [cell.div(_CELLS, rounding_mode="floor") for cell in cells]
+    firsts = [int(block.min()) for block in blocks]
+    rows, columns = (
+        int(block.max()) - first + 1 for block, first in zip(blocks, firsts, strict=True)
+    )
+    key = (which * rows + blocks[0] - firsts[0]) * columns + blocks[1] - firsts[1]
+    keys, of = torch.unique(key, return_inverse=True)
+    border = keys.div(rows * columns, rounding_mode="floor")
+    ends = []
+    for cell, (first, end) in zip(cells, spans, strict=True):
+        low, high = (
+            cell.new_zeros(borders).scatter_reduce(0, which, cell, how, include_self=False)
+            for how in ("amin", "amax")
+        )
+        low, high = (low - _AROUND).clamp(min=first), (high + 1 + _AROUND).clamp(max=end)
+        ends.append((low, high - low))
+    block = _CELLS + 2 * _AROUND
+    around = ends[0][1] * ends[1][1] <= torch.bincount(border, minlength=borders) * block**2
+    starts = ~around[border]
+    starts[0] = True
+    starts[1:] |= border.diff() > 0
+    number = starts.cumsum(0) - 1
+    keys, border = keys[starts], border[starts]
+    places = (
+        keys.div(columns, rounding_mode="floor") % rows + firsts[0],
+        keys % columns + firsts[1],
+    )
+    single = around[border]
+    corner, size = (
+        [
+            torch.where(single, end[i][border], other).tolist()
+            for end, other in zip(ends, others, strict=True)
+        ]
+        for i, others in enumerate(
+            ([place * _CELLS - _AROUND for place in places], [torch.full_like(keys, block)] * 2)
+        )
+    )
+    found = [
+        _Piece(*some)
+        for some in zip(
+            zip(*corner, strict=True), zip(*size, strict=True), border.tolist(), strict=True
+        )
+    ]
+    return found, number[of]
+
+
+def _batches(pieces: list[_Piece], level: int) -> Iterator[tuple[int, int]]:
+    """The first and the end of pieces that are alike, as many as are continued at once."""
+    first = 0
+    while first < len(pieces):
+        rows, columns = pieces[first].cells
+        most = first + max(1, _SAMPLES // (rows * columns << 2 * level))
+        last = first + 1
+        while last < min(most, len(pieces)) and pieces[last].cells == (rows, columns):
+            last += 1
+        yield first, last
+        first = last
+
+
+def _filled(
     picture: Tensor,
     rank: Tensor,
-    origin: list[Tensor],
+    corners: list[tuple[int, int]],
     size: tuple[int, int],
     border: Tensor,
     level: int,
     middle: tuple[Axis, Axis],
 ) -> Tensor:
-    """Continued values and whether there were some, of m blocks at half resolution.
+    """Continued values and whether there were some, of m rectangles at half resolution.
 
     Args:
         picture: [K + 1, H, W], the last channel is 1.
         rank: [H, W].
-        origin: First row and first column of each block, [m] both.
+        corners: First row and first column of each.
         size: (height, width) of all.
         border: [m].
         level: Of the coarsest resolution.
@@ -141,7 +202,6 @@ def _blocks(
     Returns:
         [m, K + 1, h, w].
     """
-    corners = list(zip(*(corner.tolist() for corner in origin), strict=True))
     ranks = torch.stack([_cut(rank, corner, size, -torch.inf) for corner in corners])
     pixels = torch.stack([_cut(picture, corner, size, 0.0) for corner in corners])
     pixels = pixels.mul_((ranks > border[:, None, None])[:, None])
@@ -196,12 +256,10 @@ def _averaged(values: Tensor) -> Tensor:
     return torch.where(some, values / torch.where(some, weight, 1.0), 0.0)
 
 
-def _sampled(
-    half: Tensor, number: Tensor, places: list[Tensor], middle: tuple[Axis, Axis]
-) -> Tensor:
-    """Fields [m, K, h, w] of half resolution at pixels [n] of block `number`: [n, K]."""
+def _sampled(half: Tensor, number: Tensor, places: Tensor, middle: tuple[Axis, Axis]) -> Tensor:
+    """Fields [m, K, h, w] of half resolution at pixels [n, 2] of rectangle `number`: [n, K]."""
     (y0, y1, fy), (x0, x1, fx) = (
-        _neighbours(places[d], half.shape[d + 2], half.dtype, middle[d].odd) for d in (0, 1)
+        _neighbours(places[:, d], half.shape[d + 2], half.dtype, middle[d].odd) for d in (0, 1)
     )
     h, w = half.shape[-2:]
     rows = half.movedim(1, -1).reshape(-1, half.shape[1])
