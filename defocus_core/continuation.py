@@ -8,7 +8,7 @@ computed, and only as many levels as they ask for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -27,7 +27,7 @@ _SAMPLES = 1 << 18
 
 
 def continued(
-    values: Sequence[Tensor],
+    values: Tensor,
     rank: Tensor,
     at: Tensor,
     border: Tensor,
@@ -38,7 +38,7 @@ def continued(
     """Values continued to some pixels, to each from those whose rank is beyond its border.
 
     Args:
-        values: Pictures [k, H, W], K channels in all.
+        values: [K, H, W].
         rank: [H, W], of the dtype of the values.
         at: [n, 2] rows and columns to continue to, in between pixels too.
         border: [n] few different ones.
@@ -55,7 +55,7 @@ def continued(
     pieces, of = _pieces(cells, which, len(borders), [_span(n, axis, level) for n, axis in axes])
     order = of.argsort(stable=True)
     ends = [0, *torch.bincount(of, minlength=len(pieces)).cumsum(0).tolist()]
-    picture = torch.cat([*values, torch.ones_like(rank)[None]])
+    picture = torch.cat([values, torch.ones_like(rank)[None]])
     found = picture.new_zeros(len(at), len(picture) - 1)
     weight = picture.new_zeros(len(at))
     for first, last in _batches(pieces, level):
@@ -74,7 +74,7 @@ def continued(
         result = _filled(picture, rank, corners, (size[0], size[1]), limits, level, middle)
         number = of[some] - first
         places = at[some] - torch.tensor(corners, device=at.device)[number]
-        sampled = _sampled(result, number, places, middle)
+        sampled = _sampled(result, number, places)
         share = sampled[:, -1:].detach()
         found = found.index_copy(0, some, sampled[:, :-1] / torch.where(share > 0, share, 1.0))
         weight = weight.index_copy(0, some, share[:, 0])
@@ -188,7 +188,7 @@ def _filled(
     level: int,
     middle: tuple[Axis, Axis],
 ) -> Tensor:
-    """Continued values and whether there were some, of m rectangles at half resolution.
+    """Continued values and whether there were some, of m rectangles.
 
     Args:
         picture: [K + 1, H, W], the last channel is 1.
@@ -206,7 +206,7 @@ def _filled(
     pixels = torch.stack([_cut(picture, corner, size, 0.0) for corner in corners])
     pixels = pixels.mul_((ranks > border[:, None, None])[:, None])
     odd = (middle[0].odd, middle[1].odd)
-    levels: list[Tensor] = []
+    levels = [_grown(pixels)]
     for _ in range(level):
         pixels = pulled(pixels, odd)
         pixels = pixels / pixels[:, -1:].clamp(min=1)
@@ -241,6 +241,23 @@ def _doubled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
     return interpolate(values, (height, width), mode="bilinear", align_corners=odd[1])
 
 
+def _grown(values: Tensor) -> Tensor:
+    """Values [m, K + 1, h, w] times their weight, and what lies next to them where there are none.
+
+    Those count by tents of three cells, but twice: beside an edge by a half.
+    """
+    tents = values
+    for dim in (-1, -2):
+        n = values.shape[dim] - 1
+        wide = 2 * tents
+        wide.narrow(dim, 1, n).add_(tents.narrow(dim, 0, n))
+        wide.narrow(dim, 0, n).add_(tents.narrow(dim, 1, n))
+        tents = wide
+    weight = tents[:, -1:]
+    share = (1 - values[:, -1:]) * (weight / 8).clamp(max=1) / weight.clamp(min=1)
+    return torch.addcmul(values, share, tents)
+
+
 def _averaged(values: Tensor) -> Tensor:
     """Values [m, K + 1, h, w] smoothed by tents of three cells, by their weight; 0 where none is.
 
@@ -256,13 +273,13 @@ def _averaged(values: Tensor) -> Tensor:
     return torch.where(some, values / torch.where(some, weight, 1.0), 0.0)
 
 
-def _sampled(half: Tensor, number: Tensor, places: Tensor, middle: tuple[Axis, Axis]) -> Tensor:
-    """Fields [m, K, h, w] of half resolution at pixels [n, 2] of rectangle `number`: [n, K]."""
+def _sampled(fields: Tensor, number: Tensor, places: Tensor) -> Tensor:
+    """Fields [m, K, h, w] between the pixels, at [n, 2] of rectangle `number`: [n, K]."""
     (y0, y1, fy), (x0, x1, fx) = (
-        _neighbours(places[:, d], half.shape[d + 2], half.dtype, middle[d].odd) for d in (0, 1)
+        _neighbours(places[:, d], fields.shape[d + 2], fields.dtype) for d in (0, 1)
     )
-    h, w = half.shape[-2:]
-    rows = half.movedim(1, -1).reshape(-1, half.shape[1])
+    h, w = fields.shape[-2:]
+    rows = fields.movedim(1, -1).reshape(-1, fields.shape[1])
     above, below = number * (h * w) + y0 * w, number * (h * w) + y1 * w
 
     def at(row: Tensor) -> Tensor:
@@ -271,11 +288,9 @@ def _sampled(half: Tensor, number: Tensor, places: Tensor, middle: tuple[Axis, A
     return at(above) * (1 - fy) + at(below) * fy
 
 
-def _neighbours(
-    index: Tensor, length: int, dtype: torch.dtype, odd: bool
-) -> tuple[Tensor, Tensor, Tensor]:
-    """The two coarse samples beside a pixel, and the share of the second."""
-    place = index.to(dtype) / 2 if odd else (index.to(dtype) - 0.5) / 2
+def _neighbours(place: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+    """The two pixels beside each place [n], and the share of the second."""
+    place = place.to(dtype)
     first = place.floor().clamp(0, length - 1)
     share = (place - first).clamp(0, 1)[:, None]
     return first.long(), (first.long() + 1).clamp(max=length - 1), share

@@ -7,7 +7,8 @@ neighbours.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import torch
@@ -190,6 +191,60 @@ def coarser(picture: Coarse, sums: Callable[[Tensor, tuple[bool, bool]], Tensor]
         (down.axis, across.axis),
         halvings + 1,
     )
+
+
+def farther(
+    pictures: Sequence[Tensor], r: Tensor, middle: tuple[Axis, Axis], apart: float
+) -> tuple[Coarse, Tensor]:
+    """Pictures at half resolution; of cells that hold an edge only what is beyond it.
+
+    Args:
+        pictures: [k, H, W], K channels in all.
+        r: [H, W] px.
+        middle: Of the frame.
+        apart: Px of radius up to which pixels are of one surface with the farthest of a cell.
+
+    Returns:
+        The pictures, and [h, w] bool which cells hold no edge.
+    """
+    down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
+    cells = [
+        (rows, columns, share_down * share_across)
+        for rows, share_down in _cells(down)
+        for columns, share_across in _cells(across)
+    ]
+    radius, *pictures = (
+        _padded(extended(values, down, across, outside), down, across, outside)
+        for values, outside in ((r, -torch.inf), *((picture, 0.0) for picture in pictures))
+    )
+    near = [radius[rows, columns] for rows, columns, _ in cells]
+    most = reduce(torch.maximum, near)
+    rank, weight = most, torch.zeros_like(most)
+    sums = [picture.new_zeros(len(picture), *most.shape) for picture in pictures]
+    whole = torch.ones_like(most, dtype=torch.bool)
+    for some, (rows, columns, share) in zip(near, cells, strict=True):
+        chosen = some > most - apart
+        counted = chosen.to(r.dtype) * share
+        weight += counted
+        sums = [
+            total.addcmul(picture[:, rows, columns], counted)
+            for total, picture in zip(sums, pictures, strict=True)
+        ]
+        rank = torch.where(chosen, torch.minimum(rank, some), rank)
+        whole &= chosen | (some == -torch.inf)
+    return Coarse(torch.cat(sums) / weight, rank, (down.axis, across.axis), 1), whole
+
+
+def _cells(axis: Halves) -> list[tuple[slice, float]]:
+    """For the pixels of each cell of an axis where they are, after `_padded`, and their share."""
+    starts = [(0, 0.5), (1, 1.0), (2, 0.5)] if axis.axis.odd else [(0, 1.0), (1, 1.0)]
+    return [(slice(start, start + 2 * axis.length - 1, 2), share) for start, share in starts]
+
+
+def _padded(values: Tensor, down: Halves, across: Halves, value: float) -> Tensor:
+    """Values [..., H, W] with what the outermost cells of an odd length lack."""
+    edges = [int(axis.axis.odd) for axis in (across, across, down, down)]
+    return pad(values, edges, value=value) if any(edges) else values
 
 
 def averaged(

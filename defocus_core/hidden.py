@@ -25,7 +25,7 @@ from defocus_core.backdrop import (
     levels_of,
 )
 from defocus_core.continuation import REACH, continued
-from defocus_core.halving import Axis, Coarse
+from defocus_core.halving import Axis, Coarse, farther
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 from defocus_core.transport import structure, transported
@@ -36,9 +36,11 @@ STEP = 0.51
 # Where between a near and a far radius a border may be that tells them apart: where the far one is
 # shown with more than half of its distance left, and where with less.
 _WELL_BETWEEN, _ALMOST_HIDDEN = (0.25, 0.5), (0.1, 0.25)
-# Up to this times 2^level px from the farther surface it is continued from full resolution, over as
-# many levels; what is deeper comes from the backdrop.
+# Up to this times 2^level px from the farther surface it is continued from half of the resolution,
+# as far as that level reaches; what is deeper comes from the backdrop.
 _SHALLOW = 1.25
+# Px of radius up to which pixels side by side are of one surface.
+_ONE_SURFACE = 1.0
 # Borders are multiples of 1 / 8 px, and of as great a power of two as fits in between; a little
 # more, for round numbers are frequent radii.
 _GRAINS = 8
@@ -46,7 +48,7 @@ _MORE = 0.0213
 
 
 def around(finest: int) -> int:
-    """Px around a region from which what it hides is continued at full resolution."""
+    """Px around a region from which what it hides beside edges is continued."""
     return REACH << finest
 
 
@@ -138,9 +140,9 @@ def hidden_layer(
             picture = beyond.pictures[halvings_for(level) - COARSE]
             result, exists = _coarsely(picture, places, borders, middle, level)
         else:
-            result, exists = continued(values, r, places, borders, level=level, middle=middle)
-            picture = structure(image, signed_radius, middle)
-            tensor, _ = _coarsely(picture, places, borders, middle, level)
+            half, whole = farther(values, r, middle, _ONE_SURFACE)
+            result, exists = _continued(half, half.places(places, middle), borders, level)
+            tensor, _ = _coarsely(structure(half, whole), places, borders, middle, level)
             lines = transported(image, signed_radius, places, borders, result, tensor)
             result = torch.cat([lines, result[:, -1:]], 1)
         found = found.index_copy(0, some[exists], result[exists])
@@ -164,15 +166,29 @@ def _coarsely(
         level: Counted from full resolution.
     """
     cells = _cells(at, border, middle)
-    result, exists = continued(
-        [picture.values],
+    result, exists = _continued(picture, picture.places(cells.at, middle), cells.border, level)
+    return result.index_select(0, cells.of), exists.index_select(0, cells.of)
+
+
+def _continued(
+    picture: Coarse, places: Tensor, border: Tensor, level: int
+) -> tuple[Tensor, Tensor]:
+    """What `continued` returns, of a picture at reduced resolution.
+
+    Args:
+        picture: K channels.
+        places: [n, 2] rows and columns in its pixels.
+        border: [n].
+        level: Counted from full resolution.
+    """
+    return continued(
+        picture.values,
         picture.rank,
-        picture.places(cells.at, middle),
-        cells.border,
+        places,
+        border,
         level=level - picture.halvings,
         middle=picture.middle,
     )
-    return result.index_select(0, cells.of), exists.index_select(0, cells.of)
 
 
 class _Cells(NamedTuple):

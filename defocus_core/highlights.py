@@ -87,7 +87,7 @@ def split(
         return pixels, None
     border = torch.full_like(brightness[0, 0], -limit).expand(len(at))
     around, _ = continued(  # less than the border itself: those at the limit are ordinary
-        [pixels], -brightness, at, _just_below(border), level=_LEVEL, middle=middle
+        pixels, -brightness, at, _just_below(border), level=_LEVEL, middle=middle
     )
     rows, columns = at.unbind(-1)
     rest = pixels.clone()

@@ -15,8 +15,8 @@ class Quality:
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
-        hidden_level: Next to edges hidden content is continued from full resolution over 2 to the
-            power of this px, 3 at least; what is deeper, from a quarter of it or less.
+        hidden_level: Next to edges hidden content is continued from half of the resolution, over 2
+            to the power of this px, 3 at least; what is deeper, from a quarter of it or less.
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
         full_resolution: Radius in px from which on slices are blurred at half resolution, at twice
             that at a quarter, and so on.

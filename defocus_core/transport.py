@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.halving import Axis, Coarse, coarser, halved, pulled
+from defocus_core.halving import Coarse, coarser, pulled
 
 # Pixels of half resolution whose radii in px differ by more are not neighbours on one surface.
 _SAME = 1.0
@@ -26,20 +26,18 @@ _OF_ONE = 2.0
 _FLAT, _HARDLY = 1e-3, 0.05
 
 
-def structure(image: Tensor, signed_radius: Tensor, middle: tuple[Axis, Axis]) -> Coarse:
+def structure(half: Coarse, whole: Tensor) -> Coarse:
     """The structure tensor of a picture at a quarter of its resolution: xx, xy and yy.
 
     Of slopes at half of it, summed over channels (Di Zenzo 1986). Edges of depth are not part of
     it.
 
     Args:
-        image: [C, H, W] linear.
-        signed_radius: [H, W] px.
-        middle: Of the frame.
+        half: [C + 1, h, w], linear colour and radius in px, at half of the resolution.
+        whole: [h, w] bool, which cells of it hold no edge.
     """
-    r = signed_radius.detach()
-    half = coarser(Coarse(torch.cat([image, r[None]]), r, middle, 0), halved)
-    x, y = (_slope(half.values[:-1], half.values[-1], dim) for dim in (-1, -2))
+    r = torch.where(whole, half.values[-1].detach(), torch.nan)
+    x, y = (_slope(half.values[:-1], r, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
     return coarser(half._replace(values=tensor), pulled)
 

@@ -9,7 +9,7 @@ from scenes import pattern
 from torch import Tensor
 from torch.autograd import gradcheck
 
-from defocus_core.halving import axes
+from defocus_core.halving import Axis, axes, farther
 from defocus_core.hidden import hidden_layer
 from defocus_core.transport import structure, transported
 
@@ -17,6 +17,11 @@ H, W = 96, 112
 MIDDLE = axes((H, W))
 BAR = slice(50, 60)  # columns that a nearer bar hides
 FAR, NEAR = 4.0, -7.0
+
+
+def tensor_of(image: Tensor, radius: Tensor, middle: tuple[Axis, Axis] = MIDDLE) -> Tensor:
+    """The structure tensor [3, h, w] of a picture of full resolution."""
+    return structure(*farther([image, radius[None]], radius, middle, 1.0)).values
 
 
 def stripes(degrees: float, period: float = 14.0) -> Tensor:
@@ -37,7 +42,7 @@ def behind_a_bar(background: Tensor) -> tuple[Tensor, Tensor]:
 @pytest.mark.parametrize("degrees", [0.0, 25.0, 45.0, 70.0, 90.0])
 def test_the_tensor_of_stripes_points_across_them(degrees: float) -> None:
     image = stripes(degrees)[:1]
-    tensor = structure(image, torch.zeros(H, W, dtype=torch.float64), MIDDLE).values
+    tensor = tensor_of(image, torch.zeros(H, W, dtype=torch.float64))
     xx, xy, yy = tensor[:, 5:-5, 5:-5]
     angle = torch.rad2deg(0.5 * torch.atan2(2 * xy, xx - yy))
     off = (angle - degrees + 90) % 180 - 90
@@ -46,7 +51,7 @@ def test_the_tensor_of_stripes_points_across_them(degrees: float) -> None:
 
 def test_edges_of_depth_have_no_direction() -> None:
     image, radius = behind_a_bar(torch.full((2, H, W), 0.2, dtype=torch.float64))
-    assert worst(structure(image, radius, MIDDLE).values, 0.0) < 1e-30
+    assert worst(tensor_of(image, radius), 0.0) < 1e-30
 
 
 @pytest.mark.parametrize("degrees", [35.0, 60.0, 90.0, 120.0])
@@ -69,7 +74,7 @@ def test_without_a_direction_nothing_is_transported() -> None:
         at = torch.tensor([[40, 55], [48, 52]])
         smooth = torch.tensor([[0.7, FAR], [0.1, FAR]], dtype=torch.float64)
         _, radius = behind_a_bar(image)
-        cells = structure(image, torch.zeros_like(radius), MIDDLE).values
+        cells = tensor_of(image, torch.zeros_like(radius))
         tensor = cells[:, at[:, 0] // 4, at[:, 1] // 4].T
         border = torch.zeros(2, dtype=torch.float64)
         found = transported(image, radius, at, border, smooth, tensor)
@@ -122,7 +127,7 @@ def test_gradients_pass_through_directions() -> None:
     border = torch.zeros(3, dtype=torch.float64)
 
     def colors(image: Tensor) -> Tensor:
-        tensor = structure(image, radius, axes((9, 12))).values[:, at[:, 0] // 4, 0].T
+        tensor = tensor_of(image, radius, axes((9, 12)))[:, at[:, 0] // 4, 0].T
         smooth = torch.cat([image[:, at[:, 0], 2].T, torch.full((3, 1), FAR)], 1)
         return transported(image, radius, at, border, smooth, tensor)
 
