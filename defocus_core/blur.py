@@ -119,7 +119,7 @@ class Blur:
                 for group, found in zip(self._groups, layers, strict=True):
                     found.update(self._sharp(pixels, numbers, index, group.stop - group.start))
                 continue
-            kernels = [window.spectra(window.size)[k] for k in slices]
+            kernels = [window.spectrum(k, window.size) for k in slices]
             tilted = [i for i, rung in enumerate(rungs) if rung in surface.tilted_plan[index]]
             box = self._grid.tiles[index].around(window.margin)
             for i in tilted.copy():
@@ -132,7 +132,7 @@ class Blur:
                 lean = surface.slopes(index, window.margin, window.size)[:, None]
                 spectra = torch.fft.rfft2(lean * pixels[tilted][:, None])
                 for i, pair in zip(tilted, spectra, strict=True):
-                    leaning = window.leaning(window.size)[slices[i]]
+                    leaning = window.leaning(slices[i], window.size)
                     terms += [(numbers[i], *term) for term in zip(pair, leaning, strict=True)]
             for group, found in zip(self._groups, layers, strict=True):
                 found.update(self._transformed_back(terms, group, window, index))

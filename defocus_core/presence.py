@@ -90,21 +90,21 @@ class Cover:
             found.append(whole.grown(0, box) if exists else None)
         return found
 
-    def leaning(self, rungs: list[int], box: Box) -> tuple[int, int]:
-        """How many of some rungs have slopes within a rectangle: many of them, or but one."""
+    def leaning(self, rungs: list[int], box: Box) -> tuple[list[int], list[int]]:
+        """Which of some rungs have slopes within a rectangle: many of them, or but one."""
         if self._leaning is None:
-            return 0, 0
+            return [], []
         rows, columns = _blocks_in(box)
         number = torch.tensor(rungs)
         tilted = self._leaning[number, rows, columns].flatten(1).any(1)
         if not bool(tilted.any()):
-            return 0, 0
+            return [], []
         some = self._blocks[number, rows, columns]
         lowest, highest = (x[:, None, rows, columns] for x in (self._lowest, self._highest))
         low = torch.where(some, lowest, torch.inf).flatten(2).amin(2)
         high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
         planar = tilted & ((high - low).amax(0) <= _SAME)
-        return int((tilted & ~planar).sum()), int(planar.sum())
+        return number[tilted & ~planar].tolist(), number[planar].tolist()
 
 
 class Presence:

@@ -109,11 +109,11 @@ class Reduced:
                 plain, *leaning = torch.fft.rfft2(
                     surface.averaged(rung, window.halvings, cells, middle, tilted=lean)
                 )
-                kernel = window.spectra(size)[slices[rung]]
+                kernel = window.spectrum(slices[rung], size)
                 if slope:
                     kernel = window.tilted(slices[rung], size, slope)
                 terms.append((plain, kernel))
-                kernels = window.leaning(size)[slices[rung]] if lean else ()
+                kernels = window.leaning(slices[rung], size) if lean else ()
                 terms += zip(leaning, kernels, strict=True)
             crop = (
                 seen[0].first - first[0],

@@ -55,20 +55,20 @@ class Window:
     aperture: Aperture
     parts: list[Part]
     like: Tensor
-    cache: dict[tuple[tuple[int, int], bool], dict[int, Tensor]]
+    cache: dict[tuple[int, tuple[int, int], bool], Tensor]
 
-    def spectra(self, size: tuple[int, int]) -> dict[int, Tensor]:
-        """Of the kernels, by the number of the slice: [M, 1, height, width // 2 + 1]."""
-        return self._cached(size, leaning=False)
+    def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
+        """Of the kernel of a slice: [M, 1, height, width // 2 + 1]."""
+        return self._cached(number, size, leaning=False)
 
-    def leaning(self, size: tuple[int, int]) -> dict[int, Tensor]:
+    def leaning(self, number: int, size: tuple[int, int]) -> Tensor:
         """The same times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
-        return self._cached(size, leaning=True)
+        return self._cached(number, size, leaning=True)
 
     def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
         """The spectrum of a slice for a plane of some slope, x and y: [M, 1, ...]."""
-        x, y = self.leaning(size)[number]
-        return self.spectra(size)[number].add(x, alpha=slope[0]).add_(y, alpha=slope[1])
+        x, y = self.leaning(number, size)
+        return self.spectrum(number, size).add(x, alpha=slope[0]).add_(y, alpha=slope[1])
 
     def fitting(self, least: Sequence[int]) -> tuple[int, int]:
         """One of few sizes, of at least so many rows and columns, that are not more than needed."""
@@ -82,19 +82,16 @@ class Window:
         )
         return height, width
 
-    def _cached(self, size: tuple[int, int], *, leaning: bool) -> dict[int, Tensor]:
-        if (size, leaning) not in self.cache:
+    def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
+        """One by one: what is computed together could decide about last digits."""
+        key = (number, size, leaning)
+        if key not in self.cache:
+            radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
             spectra = kernel_spectra(
-                self.radii / (1 << self.halvings),
-                self.margin,
-                size,
-                self.aperture,
-                self.parts,
-                leaning=leaning,
+                radius, self.margin, size, self.aperture, self.parts, leaning=leaning
             )
-            spectra = spectra.to(self.like).unsqueeze(-3)
-            self.cache[size, leaning] = dict(zip(self.slices, spectra, strict=True))
-        return self.cache[size, leaning]
+            self.cache[key] = spectra[0].to(self.like).unsqueeze(-3)
+        return self.cache[key]
 
 
 def windows(

@@ -37,7 +37,7 @@ class Workload:
         self.of_regions, self.of_tiles = (dict.fromkeys(_LOADS, 0.0) for _ in range(2))
         self.widest = self.reduced = 0.0
         self.done = self.read = 0
-        self._spectra: dict[tuple[int, tuple[int, int], bool], Window] = {}
+        self._spectra: set[tuple[int, tuple[int, int], bool]] = set()
         self._number = {tile: i for i, tile in enumerate(frame.grid.tiles)}
 
     def add(self, grid: Grid, surfaces: list[Cover]) -> None:
@@ -64,9 +64,10 @@ class Workload:
             if not window.margin:  # copied
                 continue
             tilted, planar = surface.leaning(some, tile.around(window.margin))
-            self._learn(window, window.size, leaning=tilted + planar > 0)
-            loads["calls"] += 2 * tilted + planar
-            self._transformed(loads, window.size, len(some) + 2 * tilted, planar, layers)
+            self._learn(window.size, some, [*tilted, *planar])
+            loads["calls"] += 2 * len(tilted) + len(planar)
+            terms = len(some) + 2 * len(tilted)
+            self._transformed(loads, window.size, terms, len(planar), layers)
 
     def _add_region(self, surface: Cover, grid: Grid, plans: list[list[int]]) -> float:
         """What is blurred at reduced resolution; returns the samples of its layers."""
@@ -103,11 +104,12 @@ class Workload:
                     ]
                 )
                 tilted, planar = surface.leaning(rungs, core.around((margin + 2) * step))
-                self._learn(window, size, leaning=tilted + planar > 0)
-                loads["calls"] += 3 * len(rungs) + 2 * tilted + planar + 1
-                share = 1 + 2 * tilted / len(rungs)
+                self._learn(size, rungs, [*tilted, *planar])
+                terms = len(rungs) + 2 * len(tilted)
+                loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1
+                share = terms / len(rungs)
                 loads["averaged"] += share * sum(box.height * box.width for box in boxes)
-                self._transformed(loads, size, len(rungs) + 2 * tilted, planar, 1)
+                self._transformed(loads, size, terms, len(planar), 1)
                 held += (seen[0][1] - seen[0][0]) * (seen[1][1] - seen[1][0]) * self._parts
         return held
 
@@ -122,11 +124,9 @@ class Workload:
         if loads is self.of_tiles:
             self.widest = max(self.widest, (terms + results * self._parts) * area)
 
-    def _learn(self, window: Window, size: tuple[int, int], *, leaning: bool) -> None:
+    def _learn(self, size: tuple[int, int], rungs: list[int], leaning: list[int]) -> None:
         """Spectra of kernels, which are made once."""
-        self._spectra[id(window), size, False] = window
-        if leaning:
-            self._spectra[id(window), size, True] = window
+        self._spectra |= {(k, size, False) for k in rungs} | {(k, size, True) for k in leaning}
 
     def kernels(self) -> tuple[float, float, float]:
         """What spectra of kernels take.
@@ -135,9 +135,9 @@ class Workload:
             To make them; samples of all that are kept; and of those made at once, at most.
         """
         work = kept = most = 0.0
-        for (_, size, leaning), window in self._spectra.items():
+        for _, size, leaning in self._spectra:
             area = size[0] * size[1]
-            samples = (1 + leaning) * len(window.slices) * self._parts * area
+            samples = (1 + leaning) * self._parts * area
             work += samples * math.log2(area)
             kept, most = kept + samples, max(most, samples)
         return work, kept, most
