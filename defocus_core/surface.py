@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -15,7 +15,7 @@ from defocus_core.slopes import Planes
 from defocus_core.tiling import BLOCK, Box, Grid, blocks_at, blocks_of, visible_slices
 
 # Rows of samples that are averaged at once: few enough to stay in a cache.
-_BAND = 32
+_BAND = 64
 
 
 class Samples(NamedTuple):
@@ -73,7 +73,7 @@ class Surface:
         if len(samples.at):
             blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
-        self._samples, self._blocks = samples, blocks.cpu()
+        self._samples, self._extents = samples, _Extents(blocks.cpu(), (H, W))
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes, self._planes = None, None
         if samples.slopes is not None:
@@ -81,7 +81,7 @@ class Surface:
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             self._slopes = self._framed(samples.slopes)
             if not samples.slopes.requires_grad:
-                self._planes = Planes(samples.slopes, self._blocks)
+                self._planes = Planes(samples.slopes, blocks.cpu())
         self._layer = self._framed(samples.layer)
         self._places = self._framed(samples.places)
         self._extra = Points(samples.at, samples.extra, samples.extra_places, (H, W))
@@ -124,7 +124,7 @@ class Surface:
 
     def bounds(self, rungs: list[int]) -> Box:
         """A rectangle that holds all samples of some slices."""
-        return _bounds(self._blocks[rungs].any(0), self._samples.places.shape)
+        return self._extents.box(rungs)
 
     def averaged(
         self,
@@ -168,15 +168,14 @@ class Surface:
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that together hold a slice once: rows some steps from the middle."""
         size = self._samples.places.shape
-        frame, blocks = Box(0, 0, *size), self._blocks[rung]
-        whole = _aligned(_bounds(blocks, size), max(step, _BAND), middle)
-        for top in range(whole.top, whole.top + whole.height, max(step, _BAND)):
-            rows = Box(top, 0, max(step, _BAND), size[1]).grown(0, frame)
-            first, last = rows.top // BLOCK, -(-(rows.top + rows.height) // BLOCK)
-            columns = _bounds(blocks[first:last], (rows.height, size[1]))
-            if columns.width:
-                aligned = _aligned(columns._replace(top=rows.top), step, middle)
-                yield rows._replace(left=aligned.left, width=aligned.width).grown(0, frame)
+        frame, rows = Box(0, 0, *size), max(step, _BAND)
+        whole = _aligned(self._extents.box([rung]), rows, middle)
+        for top in range(whole.top, whole.top + whole.height, rows):
+            band = Box(top, 0, rows, size[1]).grown(0, frame)
+            found = self._extents.box([rung], band.top, band.top + band.height)
+            if found.width:
+                aligned = _aligned(found._replace(top=band.top, height=0), step, middle)
+                yield band._replace(left=aligned.left, width=aligned.width).grown(0, frame)
 
     def _window(
         self, index: int, margin: int, size: tuple[int, int]
@@ -187,15 +186,26 @@ class Surface:
         return (y, x), Box(y, x, *size).seen_from(self._framed_box)
 
 
-def _bounds(blocks: Tensor, size: Sequence[int]) -> Box:
-    """The rectangle of a frame that holds all blocks [rows, columns] that are true."""
-    ends = []
-    for dim, length in enumerate(size):
-        some = torch.nonzero(blocks.any(1 - dim))[:, 0]
-        first, last = (int(some[0]), int(some[-1]) + 1) if len(some) else (0, 0)
-        ends.append((first * BLOCK, min(last * BLOCK, length)))
-    (top, below), (left, beside) = ends
-    return Box(top, left, below - top, beside - left)
+class _Extents:
+    """Where the blocks of slices are."""
+
+    def __init__(self, blocks: Tensor, size: tuple[int, int]) -> None:
+        """Look at blocks [K, rows, columns] bool of a frame of (height, width)."""
+        columns, some = blocks.shape[2], blocks.any(2)
+        first = torch.where(some, blocks.long().argmax(2), columns)
+        end = torch.where(some, columns - blocks.flip(2).long().argmax(2), 0)
+        self._size, self._first, self._end = size, first.tolist(), end.tolist()
+
+    def box(self, rungs: list[int], top: int = 0, below: int | None = None) -> Box:
+        """The rectangle that holds all blocks of some slices, of all rows or between two rows."""
+        rows = range(top // BLOCK, -(-(self._size[0] if below is None else below) // BLOCK))
+        held = [row for row in rows if any(self._end[rung][row] for rung in rungs)]
+        if not held:
+            return Box(0, 0, 0, 0)
+        left = min(self._first[rung][row] for rung in rungs for row in held)
+        beside = max(self._end[rung][row] for rung in rungs for row in held)
+        ends = (held[0], left, held[-1] + 1 - held[0], beside - left)
+        return Box(*(BLOCK * n for n in ends)).grown(0, Box(0, 0, *self._size))
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
