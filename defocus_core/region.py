@@ -126,11 +126,15 @@ class Region:
     def _behind(self, hidden: HiddenLayer, stride: int) -> Sliced | None:
         """A layer behind the visible one, None if it has no pixels."""
         color, radius, mask = hidden
-        if not bool(mask.any()):
+        index = torch.nonzero(mask.flatten())[:, 0]
+        if not len(index):
             return None
         coverage = mask[None].to(color.dtype)
         layer = torch.cat([color * coverage, coverage])
-        places = position(radius, self._frame.radii[::stride])
+        found = position(radius.flatten().index_select(0, index), self._frame.radii[::stride])
+        places = (
+            torch.zeros_like(radius).flatten().index_copy(0, index, found).reshape(radius.shape)
+        )
         nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
         samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
         return self._blur.sliced(samples, stride, self._spans)

@@ -163,26 +163,36 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
         present: [H, W] bool, which pixels exist; None if all do.
     """
     places = places.detach()
+    if present is not None:
+        at = torch.nonzero(present)
+        return blocks_at(places[at[:, 0], at[:, 1]], at, slices, (places.shape[0], places.shape[1]))
     rows, columns = (-(-n // BLOCK) for n in places.shape)
-    down, across = (torch.arange(n, device=places.device) // BLOCK for n in places.shape)
-    lower = places.floor()
-    # one more slice, for the rung above the last and for pixels that do not exist
-    at = lower.long().add_((slices + 1) * across).add_((slices + 1) * columns * down[:, None])
-    above = at + (places > lower)
-    found = torch.zeros(rows * columns * (slices + 1), dtype=torch.bool, device=places.device)
-    for some in (at, above):
-        some = some if present is None else torch.where(present, some, slices)
-        found.index_fill_(0, some.flatten(), True)
-    return found.view(rows, columns, slices + 1)[..., :slices].permute(2, 0, 1)
+    down, across = (-n % BLOCK for n in places.shape)
+    wide = torch.nn.functional.pad(places[None], (0, across, 0, down), mode="replicate")[0]
+    least, most = (
+        sign * (sign * wide).view(rows, BLOCK, -1).amax(1).view(rows, columns, BLOCK).amax(2)
+        for sign in (-1, 1)
+    )
+    first, last = least.floor().long(), most.ceil().long()
+    found = torch.zeros((rows, columns, slices), dtype=torch.bool, device=places.device)
+    for rung in (first, last):
+        found.scatter_(2, rung[..., None], True)
+    # of more than two slices, which of those in between?
+    row, column = torch.nonzero(last - first > 1).unbind(1)
+    if len(row):
+        cells = wide.view(rows, BLOCK, columns, BLOCK).permute(0, 2, 1, 3)[row, column].flatten(1)
+        some = torch.zeros((len(row), slices), dtype=torch.bool, device=places.device)
+        some.scatter_(1, cells.floor().long(), True).scatter_(1, cells.ceil().long(), True)
+        found[row, column] = some
+    return found.permute(2, 0, 1)
 
 
 def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
     """The same of points of positions [n] at rows and columns [n, 2] of a frame."""
     rows, columns = (-(-n // BLOCK) for n in size)
-    found = torch.zeros((slices + 1, rows, columns), dtype=torch.bool, device=places.device)
-    lower = places.detach().floor()
-    y, x = at.div(BLOCK, rounding_mode="floor").unbind(-1)
-    found[lower.long(), y, x] = True
-    between = places.detach() > lower
-    found[lower.long()[between] + 1, y[between], x[between]] = True
-    return found[:slices]
+    found = torch.zeros(slices * rows * columns, dtype=torch.bool, device=places.device)
+    block = at.div(BLOCK, rounding_mode="floor")
+    number = block[:, 0] * columns + block[:, 1]
+    for rung in (places.detach().floor(), places.detach().ceil()):
+        found.index_fill_(0, rung.long() * (rows * columns) + number, True)
+    return found.view(slices, rows, columns)
