@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from defocus_core.backdrop import backdrop
+from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
 from defocus_core.ramps import WithoutRamps
 from defocus_core.recomputed import recomputed
-from defocus_core.region import Region, counts_of_copy, in_focus
+from defocus_core.region import Region
 from defocus_core.source import Pixels
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box, Grid, regions
@@ -73,27 +74,38 @@ def finished(
                 progress(number, len(frame.grid.tiles))
 
     def computed(grid: Grid) -> Finished:
-        if not wanted and in_focus(frame, grid.box, given):
+        part = grid if wanted else blurred_part(frame, grid, given)
+        if not part:
             told(len(grid.tiles))
-            return _copied(frame, grid, pixels)
-        region = Region(frame, grid, pixels, signed_radius, hidden, beyond)
-        tiles = []
-        for tile in threaded(recomputed(region.tile), range(len(grid.tiles)), threads // at_once):
-            tiles.append(tile)
+            return Finished(
+                grid.box, *_copied(frame, grid.box, pixels), counts_of_copies(frame, grid.tiles)
+            )
+        region = Region(frame, part, pixels, signed_radius, hidden, beyond)
+        tiles = dict.fromkeys(grid.tiles)
+        for tile, found in zip(
+            part.tiles,
+            threaded(recomputed(region.tile), range(len(part.tiles)), threads // at_once),
+            strict=True,
+        ):
+            tiles[tile] = found
             told(1)
-        of_rows = [tiles[i : i + grid.columns] for i in range(0, len(tiles), grid.columns)]
+        rest = [tile for tile, found in tiles.items() if found is None]
+        told(len(rest))
+        shown = [found or _copied(frame, tile, pixels) for tile, found in tiles.items()]
+        of_rows = [shown[i : i + grid.columns] for i in range(0, len(shown), grid.columns)]
         images, trust = (_joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
-        return Finished(grid.box, images, trust, region.counts())
+        return Finished(
+            grid.box, images, trust, _added(region.counts(), counts_of_copies(frame, rest))
+        )
 
     return threaded(recomputed(computed), grids, at_once)
 
 
-def _copied(frame: Frame, grid: Grid, pixels: Pixels) -> Finished:
-    """A region that is as it was."""
-    image = grid.box.of(pixels).to(frame.dtype)
+def _copied(frame: Frame, box: Box, pixels: Pixels) -> tuple[Tensor, Tensor]:
+    """Images and trust of what is as it was."""
+    image = box.of(pixels).to(frame.dtype)
     images = image.expand(3 if frame.left_right else 1, *image.shape)
-    trust = image.new_ones(1, 1, *image.shape[1:])
-    return Finished(grid.box, images, trust, counts_of_copy(frame, grid))
+    return images, image.new_ones(1, 1, *image.shape[1:])
 
 
 def assembled(
@@ -129,8 +141,11 @@ def assembled(
 
 def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
-    summed = {name: sum(each[name] for each in counts) for name in counts[0]}
-    return {"slices": len(frame.radii), **summed}
+    return {"slices": len(frame.radii), **_added(*counts)}
+
+
+def _added(*counts: dict[str, int]) -> dict[str, int]:
+    return {name: sum(each[name] for each in counts) for name in counts[0]}
 
 
 def _joined(rows: list[list[Tensor]]) -> Tensor:

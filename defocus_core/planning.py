@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import torch
 
 from defocus_core.aperture import Aperture
+from defocus_core.copying import blurred_part
 from defocus_core.frame import Frame, frame_of
 from defocus_core.highlights import reached_by
 from defocus_core.presence import Presence
 from defocus_core.quality import find
-from defocus_core.region import in_focus
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.tiling import Grid, regions
 from defocus_core.workload import Workload
@@ -114,7 +114,8 @@ def plan(
     )
     scene = Presence(frame, signed_radius)
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
-    grids = [grid for grid in every if not in_focus(frame, grid.box, signed_radius)]
+    parts = [blurred_part(frame, grid, signed_radius) for grid in every]
+    grids = [part for part in parts if part]
     work = Workload(frame, image.shape[0] + 1)
     for grid in grids:
         work.add(grid, [scene.visible, scene.hidden])

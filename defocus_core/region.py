@@ -263,28 +263,3 @@ class Region:
             "tiles_culled": len({index for _, index in self._culled}),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }
-
-
-def in_focus(frame: Frame, box: Box, signed_radius: Pixels) -> bool:
-    """Whether all that a rectangle could see of a frame is in focus."""
-    if frame.sharp is None:
-        return False
-    least, most = torch.aminmax(box.grown(frame.margin, frame.box).of(signed_radius))
-    return bool((least >= -frame.sharp) & (most <= frame.sharp))
-
-
-def counts_of_copy(frame: Frame, grid: Grid) -> dict[str, int]:
-    """What was computed of a region that was copied, as `Region.counts` tells it."""
-    pixels, tiles = grid.box.height * grid.box.width, len(grid.tiles)
-    return {
-        "pixels": pixels,
-        "pixels_copied": pixels,
-        "tiles": tiles,
-        "slice_tiles": 2 * len(frame.windows) * tiles,
-        "slice_tiles_done": 0,
-        "slice_tiles_blurred": 0,
-        "slice_tiles_reduced": 0,
-        "slice_tiles_culled": 0,
-        "tiles_culled": 0,
-        "tiles_with_hidden": 0,
-    }

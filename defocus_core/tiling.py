@@ -78,6 +78,12 @@ class Grid(NamedTuple):
         height, width = last.top + last.height - first.top, last.left + last.width - first.left
         return Box(first.top, first.left, height, width)
 
+    def seeing(self, box: Box) -> Grid:
+        """The tiles that have pixels in a rectangle, some of which are its own."""
+        tiles = [tile for tile in self.tiles if min(box.grown(0, tile)[2:]) > 0]
+        columns = sum(1 for tile in tiles if tile.top == tiles[0].top)
+        return self._replace(tiles=tiles, columns=columns)
+
     def seen_from(self, other: Box) -> Grid:
         """The same tiles counted from the corner of another rectangle."""
         return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])

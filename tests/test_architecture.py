@@ -21,7 +21,7 @@ LAYERS = [
     {"checks"},
     {"render", "stream"},
     {"assembly"},
-    {"baselines", "presence", "region", "workload"},
+    {"baselines", "copying", "presence", "region", "workload"},
     {"blur", "frame"},
     {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from defocus_core.tiling import TILE, blocks_at, blocks_of, grid_over, visible_slices
+from defocus_core.tiling import TILE, Box, blocks_at, blocks_of, grid_over, visible_slices
 
 
 @pytest.mark.parametrize("size", [(1, 1), (128, 128), (129, 300), (40, 1000)])
@@ -44,3 +44,11 @@ def test_points_are_found_where_pixels_would_be() -> None:
     dense, present = torch.zeros(40, 60), torch.zeros(40, 60, dtype=torch.bool)
     dense[at[:, 0], at[:, 1]], present[at[:, 0], at[:, 1]] = places, True
     assert torch.equal(blocks_at(places, at, 2, (40, 60)), blocks_of(dense, 2, present))
+
+
+def test_tiles_that_see_a_rectangle_are_those_that_it_touches() -> None:
+    grid = grid_over(300, 400, 100)
+    part = grid.seeing(Box(120, 199, 80, 2))
+    assert part.tiles == [Box(100, 100, 100, 100), Box(100, 200, 100, 100)]
+    assert (part.columns, part.side) == (2, 100)
+    assert grid.seeing(grid.box) == grid
