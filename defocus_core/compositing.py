@@ -15,6 +15,8 @@ from torch import Tensor
 
 # Guards 0 / 0 where nothing is left to cover; shares below it are of no consequence.
 _LEAST_SHARE = 1e-12
+# Coverage below the inverse of this counts less than it is, and from 0 downwards nothing.
+_SOME = 1e9
 # Shares below this many roundings are noise of the transforms; slopes of their quotients, which
 # every further layer would multiply, count as none.
 _CERTAIN = 100
@@ -28,7 +30,7 @@ def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tenso
     """Add a layer behind what the parts of the aperture have seen so far.
 
     The layer adds min(1, (1 - A) / a) of itself, where A is what is covered and a its coverage:
-    A grows by min(a, 1 - A).
+    A grows by min(a, 1 - A). Where a is negative, by rounding or by overshoot, nothing is there.
 
     Args:
         seen: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1]. Not
@@ -36,10 +38,11 @@ def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tenso
         layer: The same of the layer.
         full: What is covered at most, if not the whole part.
     """
-    left = (full - seen[:, -1:]).clamp(min=0)
-    share = left / torch.maximum(layer[:, -1:], left).clamp(min=_LEAST_SHARE)
+    left, coverage = (full - seen[:, -1:]).clamp(min=0), layer[:, -1:]
+    some = torch.minimum(left, coverage * _SOME).clamp(min=0)
+    share = some / torch.maximum(coverage, left).clamp(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
-        certain = torch.minimum(layer[:, -1:], left) > _CERTAIN * torch.finfo(left.dtype).eps
+        certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
         share = torch.where(certain, share, share.detach())
         return seen.addcmul(layer, share)
     return seen.addcmul_(layer, share)
@@ -62,12 +65,13 @@ def summed(layers: Iterable[Tensor]) -> Tensor:
     return reduce(torch.add, layers)
 
 
-def picture(seen: Tensor, weights: Sequence[float] | None = None) -> Tensor:
+def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: bool = True) -> Tensor:
     """The image [C, h, w] of some parts together, divided by the share that saw something.
 
     Args:
         seen: [M, C + 1, h, w].
         weights: M shares of the parts in the aperture; None if they are equal.
+        signed: Whether it may be negative; else what rounding and overshoot leave is cut off.
 
     A pixel sees its own surface at least through the whole or a half of the aperture: the share is
     positive.
@@ -75,7 +79,8 @@ def picture(seen: Tensor, weights: Sequence[float] | None = None) -> Tensor:
     if weights is not None and max(weights) - min(weights) > _EQUAL:
         seen = seen * seen.new_tensor(weights)[:, None, None, None]
     total = seen.sum(0)
-    return total[:-1] / total[-1:]
+    image = total[:-1] / total[-1:]
+    return image if signed else image.clamp(min=0)
 
 
 def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import torch
 from torch import Tensor
-from torch.nn.functional import max_pool2d, pad
 
 from defocus_core.backdrop import halvings_for, level_of
 from defocus_core.continuation import REACH
@@ -17,7 +16,7 @@ from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
 from defocus_core.source import Pixels
-from defocus_core.tiling import BLOCK, TILE, Box, blocks_at, visible_slices
+from defocus_core.tiling import BLOCK, TILE, Box, block_ends, blocks_at, visible_slices
 
 # Pixels of a sample at most, of one that shows what is hidden, and of the strips in which all are
 # looked at.
@@ -136,7 +135,8 @@ class Presence:
             lean = slopes(radius / step, frame.quality.least_slope)
             if lean is not None:
                 leaning = self._blocks(radius, lean.any(0), step, 1, (H, W))
-                self.visible.lean(leaning.cpu(), *_ranges(lean, BLOCK // step))
+                lowest, highest = block_ends(lean, BLOCK // step)
+                self.visible.lean(leaning.cpu(), lowest.cpu(), highest.cpu())
         windows = list(dict.fromkeys(map(id, frame.windows)))
         spans = [windows.index(id(window)) for window in frame.windows]
         self.hidden = Cover([[] for _ in frame.grid.tiles], blocks[:0], frame.stride, spans)
@@ -252,14 +252,6 @@ def _range_of_nine(values: Tensor) -> Tensor:
                     some = choice(some.narrow(dim, 0, n), some.narrow(dim, 1, n))
             low, high = (some, high) if choice is torch.minimum else (low, some)
     return high - low
-
-
-def _ranges(slopes: Tensor, side: int) -> tuple[Tensor, Tensor]:
-    """The least and the greatest [2, rows, columns] of slopes [2, h, w] in blocks of some side."""
-    size = [(0, -n % side) for n in slopes.shape[1:]]
-    padded = pad(slopes[None], (*size[1], *size[0]), mode="replicate")[0]
-    highest, lowest = (sign * max_pool2d(sign * padded, side) for sign in (1, -1))
-    return lowest.cpu(), highest.cpu()
 
 
 def _blocks_in(box: Box) -> tuple[slice, slice]:

@@ -1,9 +1,9 @@
 """Slices of large radii blurred at reduced resolution, over a whole region at once.
 
 A disc many px wide makes pictures as smooth as its rim is long. Its slices are averaged to 1/2,
-1/4, ... of the resolution after each pixel has got its share in them, blurred there, and read
-linearly in between. Like everything that is halved, cells stand symmetrically about the middle of
-the frame.
+1/4, ... of the resolution after each pixel has got its share in them, blurred there, and read by
+cubics in between (Keys 1981). Like everything that is halved, cells stand symmetrically about the
+middle of the frame.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Reduced:
         """
         self._groups = len(groups)
         self._middle, self._step = middle, 1 << window.halvings
-        around, reach = self._spans(core), (window.margin + 2) * self._step
+        around, reach = self._read_by(core), (window.margin + 3) * self._step
         self._layers: dict[int, _Layer] = {}
         self._shares: dict[tuple[int, int, int, Span], Tensor] = {}
         for number in dict.fromkeys(numbers.values()):
@@ -130,7 +130,7 @@ class Reduced:
         Those that are 0 all over are left out.
         """
         result: list[dict[int, Tensor]] = [{} for _ in range(self._groups)]
-        spans = self._spans(box)
+        spans = self._read_by(box)
         for number in numbers & self._layers.keys():
             cells, groups = self._layers[number]
             down, across = (span.within(wanted) for span, wanted in zip(cells, spans, strict=True))
@@ -159,6 +159,11 @@ class Reduced:
         )
         return down, across
 
+    def _read_by(self, box: Box) -> tuple[Span, Span]:
+        """The cells from which pixels are read: two on each side."""
+        down, across = self._spans(box)
+        return down.grown(1), across.grown(1)
+
     def _between(self, dim: int, start: int, length: int, cells: Span, like: Tensor) -> Tensor:
         """The shares [pixels, cells] of cells in pixels; tiles in a row have the same."""
         key = (dim, start, length, cells)
@@ -167,7 +172,7 @@ class Reduced:
             pixels = torch.arange(length, dtype=like.dtype, device=like.device)
             number = torch.arange(cells.end - cells.first, dtype=like.dtype, device=like.device)
             away = (pixels[:, None] * step + first - number).abs()
-            self._shares[key] = (1 - away).clamp(min=0)
+            self._shares[key] = _cubic(away)
         return self._shares[key]
 
     def _place(self, dim: int, pixel: int) -> float:
@@ -175,6 +180,13 @@ class Reduced:
         axis = self._middle[dim]
         offset = 0.0 if axis.odd else 0.5
         return (pixel - axis.middle + offset) / self._step - offset
+
+
+def _cubic(away: Tensor) -> Tensor:
+    """The share of a cell that is so many cells away: the cubic of Keys 1981 with a = -1/2."""
+    near = (1.5 * away - 2.5) * away * away + 1
+    far = ((2.5 - 0.5 * away) * away - 4) * away + 2
+    return torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
 
 
 def _sum(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:

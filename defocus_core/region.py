@@ -151,7 +151,7 @@ class Region:
             seen = self._filled(seen, self._invented, index, full)
         whole, *halves = self._lit(seen, index)
         trust = self._trust(whole[:, -1], observed, index)
-        centre = picture(whole, frame.weights[: frame.centre])
+        centre = picture(whole, frame.weights[: frame.centre], signed=frame.signed)
         if not frame.left_right:
             return centre[None], trust
         both = halves[0] if halves else whole

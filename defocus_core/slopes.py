@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, max_pool2d, pad
+from torch.nn.functional import avg_pool2d
 
 from defocus_core.tiling import BLOCK, Box
 
@@ -44,7 +44,7 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     steep = square.detach() > least * least
     if not bool(steep.any()):
         return None
-    if least:
+    if least and not bool(steep.all()):
         steep &= _share_around(steep) > _AREA
         if not bool(steep.any()):
             return None
@@ -55,18 +55,15 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
 class Planes:
     """Where slices have the same slope all over: their kernels can be tilted instead of them."""
 
-    def __init__(self, slopes: Tensor, blocks: Tensor) -> None:
-        """Find the range of slopes in each block.
+    def __init__(self, lowest: Tensor, highest: Tensor, blocks: Tensor) -> None:
+        """Keep the range of slopes in each block.
 
         Args:
-            slopes: [2, H, W].
+            lowest: [2, rows, columns], the least of the slopes.
+            highest: The greatest.
             blocks: [K, rows, columns] bool, where slices are.
         """
-        size = [(0, -n % BLOCK) for n in slopes.shape[1:]]
-        padded = pad(slopes.detach()[None], (*size[1], *size[0]), mode="replicate")
-        highest, lowest = (sign * max_pool2d(sign * padded[0], BLOCK) for sign in (1, -1))
-        self._highest, self._lowest = highest.cpu(), lowest.cpu()
-        self._blocks = blocks.cpu()
+        self._lowest, self._highest, self._blocks = lowest, highest, blocks
 
     def slope(self, number: int, box: Box) -> tuple[float, float] | None:
         """The slope of a slice, x and y, if it has but one within a rectangle of the frame."""
@@ -99,8 +96,8 @@ def _limited(r: Tensor, dim: int) -> Tensor:
     """
     if r.shape[dim] == 1:
         return torch.zeros_like(r)
-    step = r.diff(dim=dim)
-    first, last = step.narrow(dim, 0, 1), step.narrow(dim, -1, 1)
-    a, b = torch.cat([first, step], dim), torch.cat([step, last], dim)
-    a2, b2 = a * a + _SMALL**2, b * b + _SMALL**2
-    return (a * b2 + b * a2) / (a2 + b2)
+    n, step = r.shape[dim], r.diff(dim=dim)
+    steps = torch.cat([step.narrow(dim, 0, 1), step, step.narrow(dim, -1, 1)], dim)
+    squares = steps * steps + _SMALL**2
+    (a, b), (a2, b2) = ([x.narrow(dim, i, n) for i in (0, 1)] for x in (steps, squares))
+    return torch.addcmul(a * b2, b, a2) / (a2 + b2)

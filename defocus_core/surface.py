@@ -12,7 +12,7 @@ from defocus_core.halving import Axis, averaged
 from defocus_core.points import Points
 from defocus_core.slicing import membership
 from defocus_core.slopes import Planes
-from defocus_core.tiling import BLOCK, Box, Grid, blocks_at, blocks_of, visible_slices
+from defocus_core.tiling import BLOCK, Box, Grid, block_ends, blocks_at, blocks_of, visible_slices
 
 # Rows of samples that are averaged at once: few enough to stay in a cache.
 _BAND = 64
@@ -77,11 +77,12 @@ class Surface:
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes, self._planes = None, None
         if samples.slopes is not None:
-            tilted = blocks_of(samples.places, count, samples.slopes.detach().any(0))
+            lowest, highest = block_ends(samples.slopes.detach())
+            tilted = blocks & ((lowest < 0) | (highest > 0)).any(0)
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             self._slopes = self._framed(samples.slopes)
             if not samples.slopes.requires_grad:
-                self._planes = Planes(samples.slopes, blocks.cpu())
+                self._planes = Planes(lowest.cpu(), highest.cpu(), blocks.cpu())
         self._layer = self._framed(samples.layer)
         self._places = self._framed(samples.places)
         self._extra = Points(samples.at, samples.extra, samples.extra_places, (H, W))

@@ -172,25 +172,36 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
     if present is not None:
         at = torch.nonzero(present)
         return blocks_at(places[at[:, 0], at[:, 1]], at, slices, (places.shape[0], places.shape[1]))
-    rows, columns = (-(-n // BLOCK) for n in places.shape)
-    down, across = (-n % BLOCK for n in places.shape)
-    wide = torch.nn.functional.pad(places[None], (0, across, 0, down), mode="replicate")[0]
-    least, most = (
-        sign * (sign * wide).view(rows, BLOCK, -1).amax(1).view(rows, columns, BLOCK).amax(2)
-        for sign in (-1, 1)
-    )
+    least, most = block_ends(places)
     first, last = least.floor().long(), most.ceil().long()
-    found = torch.zeros((rows, columns, slices), dtype=torch.bool, device=places.device)
+    found = torch.zeros((*least.shape, slices), dtype=torch.bool, device=places.device)
     for rung in (first, last):
         found.scatter_(2, rung[..., None], True)
     # of more than two slices, which of those in between?
     row, column = torch.nonzero(last - first > 1).unbind(1)
     if len(row):
-        cells = wide.view(rows, BLOCK, columns, BLOCK).permute(0, 2, 1, 3)[row, column].flatten(1)
+        cells = _blocks(places, BLOCK).movedim(-3, -2)[row, column].flatten(1)
         some = torch.zeros((len(row), slices), dtype=torch.bool, device=places.device)
         some.scatter_(1, cells.floor().long(), True).scatter_(1, cells.ceil().long(), True)
         found[row, column] = some
     return found.permute(2, 0, 1)
+
+
+def block_ends(values: Tensor, side: int = BLOCK) -> tuple[Tensor, Tensor]:
+    """The least and the greatest [..., rows, columns] of values [..., H, W] in square blocks."""
+    blocks = _blocks(values, side)
+    return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
+
+
+def _blocks(values: Tensor, side: int) -> Tensor:
+    """Values [..., H, W] as [..., rows, side, columns, side]; the last ones are repeated."""
+    *others, H, W = values.shape
+    down, across = -H % side, -W % side
+    if down or across:
+        values = torch.nn.functional.pad(
+            values.reshape(1, -1, H, W), (0, across, 0, down), mode="replicate"
+        )
+    return values.reshape(*others, (H + down) // side, side, (W + across) // side, side)
 
 
 def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:

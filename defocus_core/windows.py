@@ -122,7 +122,7 @@ def windows(
     for k, number in enumerate(layers):
         halvings = spreads[k].halvings
         widest = max(spreads[j].cells for j, other in enumerate(layers) if other == number)
-        extents = [(n >> halvings) + 3 for n in region] if halvings else side
+        extents = [(n >> halvings) + 5 for n in region] if halvings else side
         rows, columns = (transform_length(n + 2 * widest) for n in extents)
         sharing.setdefault((rows, columns, halvings, widest == 0), []).append(k)
     precision = torch.complex128 if dtype == torch.float64 else torch.complex64
@@ -157,7 +157,7 @@ def spreads_of(
         halvings = math.floor(math.log2(ratio)) + 1 if ratio >= 1 else 0
         step = 1 << halvings
         cells = reach(radius / step, -(-limit // step))
-        # a pixel has shares in cells beside it, and is read from cells beside it
-        px = min(step * (cells + 2), limit) if halvings else cells
+        # a pixel has shares in cells beside it, and is read from two cells on each side
+        px = min(step * (cells + 3), limit) if halvings else cells
         found.append(Spread(halvings, cells, px))
     return found

@@ -79,7 +79,7 @@ class Workload:
             if not window.halvings:
                 continue
             step, margin = 1 << window.halvings, window.margin
-            around = _cells(core, step, frame.size)
+            around = [_grown(span, 1) for span in _cells(core, step, frame.size)]
             for number in dict.fromkeys(surface.layer_of[k] for k in some):
                 rungs = [k for k in some if surface.layer_of[k] == number]
                 boxes = [box for k in rungs if (box := surface.bounds(k, inner))]
@@ -103,7 +103,7 @@ class Workload:
                         for here, there in zip(lit, seen, strict=True)
                     ]
                 )
-                tilted, planar = surface.leaning(rungs, core.around((margin + 2) * step))
+                tilted, planar = surface.leaning(rungs, core.around((margin + 3) * step))
                 self._learn(size, rungs, [*tilted, *planar])
                 terms = len(rungs) + 2 * len(tilted)
                 loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1

@@ -6,7 +6,7 @@ from measures import inner, psnr, worst
 
 from defocus_core import render
 from defocus_core.slopes import Planes, slopes
-from defocus_core.tiling import Box
+from defocus_core.tiling import Box, block_ends
 
 SIZE = (40, 60)
 
@@ -94,7 +94,7 @@ def test_a_plane_has_one_slope_where_it_is_alone() -> None:
     lean[:, 40:, 64:] = 0.4
     blocks = torch.zeros(2, 4, 6, dtype=torch.bool)
     blocks[0, :2], blocks[1, 2:, 4:], blocks[1, 0, 0] = True, True, True
-    planes = Planes(lean, blocks)
+    planes = Planes(*block_ends(lean), blocks)
     assert planes.slope(0, Box(-8, -8, 80, 120)) == pytest.approx((0.2, -0.3))
     assert planes.slope(1, Box(-8, -8, 80, 120)) is None
     assert planes.slope(1, Box(48, 64, 16, 32)) == pytest.approx((0.4, 0.4))
