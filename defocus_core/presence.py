@@ -198,7 +198,7 @@ class Presence:
 
 
 def _continued(near: Tensor, far: Tensor, some: Tensor, step: int, finest: int) -> float:
-    """Pixels of the blocks from which hidden content is continued.
+    """Pixels from which hidden content is continued, of all resolutions.
 
     Args:
         near: [h, w] px, every `step`-th pixel.
@@ -207,18 +207,42 @@ def _continued(near: Tensor, far: Tensor, some: Tensor, step: int, finest: int) 
         step: In px.
         finest: The `hidden_level` of the quality.
     """
+    size = [n * step for n in some.shape]
     near, far, at = near[some], far[some], torch.nonzero(some) * step
     unit = ((far - near) * _BETWEEN).log2().floor().exp2()
     border = ((near + (far - near) / 4) / unit).round() * unit
-    levels = level_of(far - near).clamp(min=finest)
-    total = 0.0
-    for level in torch.unique(levels).tolist():
-        side, here = 2 * REACH << level, levels == level
-        cells = at[here].div(side, rounding_mode="floor")
-        blocks = len(torch.unique(torch.cat([cells, border[here, None]], 1), dim=0))
-        reduced = 4 ** halvings_for(level) if level > finest else 1
-        total += blocks * (1.75 * side) ** 2 / reduced
+    total = _around(at, border, finest, size) / 4  # what is next to edges, from half resolution
+    levels = level_of(far - near)
+    for level in torch.unique(levels[levels > finest]).tolist():
+        here = levels == level
+        total += _around(at[here], border[here], level, size) / 4 ** halvings_for(level)
     return total
+
+
+def _around(at: Tensor, border: Tensor, level: int, size: list[int]) -> float:
+    """Pixels of the blocks, or of the rectangle, around those of each border, whichever are fewer.
+
+    Args:
+        at: [n, 2] rows and columns.
+        border: [n].
+        level: Of the continuation.
+        size: Of the frame.
+    """
+    if not len(at):
+        return 0.0
+    side = 2 * REACH << level
+    borders, which = torch.unique(border, return_inverse=True)
+    cells = at.div(side, rounding_mode="floor")
+    blocks = torch.unique(torch.cat([which[:, None], cells], 1), dim=0)[:, 0]
+    of_blocks = torch.bincount(blocks, minlength=len(borders)) * (1.75 * side) ** 2
+    area = torch.ones_like(of_blocks)
+    for dim, most in enumerate(size):
+        low, high = (
+            at.new_zeros(len(borders)).scatter_reduce(0, which, at[:, dim], how, include_self=False)
+            for how in ("amin", "amax")
+        )
+        area *= (high - low + 0.75 * side).clamp(max=most)
+    return float(torch.minimum(of_blocks, area).sum())
 
 
 def _step(pixels: int) -> int:
