@@ -42,7 +42,7 @@ QUALITY: dict[str, Quality] = {
         hidden_stride=2,
         hidden_level=3,
         least_slope=0.2,
-        full_resolution=8.0,
+        full_resolution=14.0,
         parts=1,
     ),
     "standard": Quality(
