@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from defocus_cli import memory
 from defocus_cli.errors import InputError
+from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -106,7 +107,7 @@ def warm_up(device: str) -> None:
 
     from defocus_core import render
 
-    torch.set_num_threads(1)
+    leave_threads_to_tiles()
     radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
     render(radius[None].abs(), radius)
 

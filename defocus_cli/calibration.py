@@ -24,6 +24,7 @@ from defocus_cli.errors import InputError
 from defocus_cli.files import written_whole
 from defocus_cli.fitting import nonnegative
 from defocus_cli.report import say, version
+from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
     from defocus_core.planning import Plan
@@ -146,13 +147,11 @@ def keep(calibration: Calibration, device: str) -> None:
 
 def measured(device: str, threads: int) -> Calibration:
     """Render the scenes and find what explains their times and their memory."""
-    import torch
-
     from defocus_core.planning import plan
     from defocus_core.scenery import scenery
     from defocus_core.stream import Stream
 
-    torch.set_num_threads(1)  # threads work on tiles
+    leave_threads_to_tiles()
     plans, seconds, peaks = [], [], []
     for number, (kind, width, height, radius, quality, pair) in enumerate((_SCENES[-1], *_SCENES)):
         scene = scenery(kind, height, width, radius)

@@ -14,6 +14,7 @@ from defocus_cli.errors import TooLarge
 from defocus_cli.focusing import radius_map
 from defocus_cli.job import IMAGE_KINDS, Job
 from defocus_cli.made import Loaded, Made, Outcome
+from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
     from defocus_core.hidden import Behind
@@ -44,8 +45,7 @@ def rendered(
     from defocus_core.tiling import TILE
 
     job, device = outcome.job, outcome.device
-    # Threads work on tiles; torch's own threads inside each would only wait for one another.
-    torch.set_num_threads(1)
+    leave_threads_to_tiles()
     image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
     at_once = regions_at_once(outcome, image, signed, loaded.holding.room_mb)
     if at_once is not None:  # memory is short

@@ -14,7 +14,7 @@ from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
 from defocus_core.ramps import WithoutRamps
-from defocus_core.recomputed import recomputed
+from defocus_core.recomputed import recomputed, unrecorded
 from defocus_core.region import Region
 from defocus_core.source import Pixels
 from defocus_core.threads import threaded
@@ -80,15 +80,13 @@ def finished(
             return Finished(
                 grid.box, *_copied(frame, grid.box, pixels), counts_of_copies(frame, grid.tiles)
             )
-        region = Region(frame, part, pixels, signed_radius, hidden, beyond)
         tiles = dict.fromkeys(grid.tiles)
-        for tile, found in zip(
-            part.tiles,
-            threaded(recomputed(region.tile), range(len(part.tiles)), threads // at_once),
-            strict=True,
-        ):
-            tiles[tile] = found
-            told(1)
+        with unrecorded():
+            region = Region(frame, part, pixels, signed_radius, hidden, beyond)
+            done = threaded(recomputed(region.tile), range(len(part.tiles)), threads // at_once)
+            for tile, found in zip(part.tiles, done, strict=True):
+                tiles[tile] = found
+                told(1)
         rest = [tile for tile, found in tiles.items() if found is None]
         told(len(rest))
         shown = [found or _copied(frame, tile, pixels) for tile, found in tiles.items()]

@@ -81,7 +81,8 @@ def _between(aperture: Aperture, part: Part, dim: int, ends: Tensor) -> Tensor:
 @lru_cache(maxsize=256)
 def _below(aperture: Aperture, part: Part, dim: int) -> Tensor:
     """The share of a part below each of some u: [_STEPS + 1]."""
-    ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
-    some = torch.stack([torch.full_like(ends, -1), ends], -1)
-    whole = torch.tensor([-1.0, 1.0], dtype=torch.float64).expand_as(some)
-    return area_within(aperture, part, *((some, whole) if dim == 0 else (whole, some)))
+    with torch.inference_mode(False):  # it is kept for those who want gradients, too
+        ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
+        some = torch.stack([torch.full_like(ends, -1), ends], -1)
+        whole = torch.tensor([-1.0, 1.0], dtype=torch.float64).expand_as(some)
+        return area_within(aperture, part, *((some, whole) if dim == 0 else (whole, some)))

@@ -38,9 +38,9 @@ def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tenso
         layer: The same of the layer.
         full: What is covered at most, if not the whole part.
     """
-    left, coverage = (full - seen[:, -1:]).clamp(min=0), layer[:, -1:]
-    some = torch.minimum(left, coverage * _SOME).clamp(min=0)
-    share = some / torch.maximum(coverage, left).clamp(min=_LEAST_SHARE)
+    left, coverage = (full - seen[:, -1:]).clamp_(min=0), layer[:, -1:]
+    some = torch.minimum(left, coverage * _SOME).clamp_(min=0)
+    share = some / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
         share = torch.where(certain, share, share.detach())
@@ -80,7 +80,7 @@ def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: boo
         seen = seen * seen.new_tensor(weights)[:, None, None, None]
     total = seen.sum(0)
     image = total[:-1] / total[-1:]
-    return image if signed else image.clamp(min=0)
+    return image if signed else image.clamp_(min=0)
 
 
 def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:

@@ -8,11 +8,14 @@ from defocus_core.frame import Frame
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box, Grid
 
+# Every so many rows and columns are looked at first: most of what is out of focus shows there.
+_SAMPLED = 8
+
 
 def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None:
     """The rectangle of tiles of a region that holds all that must be computed.
 
-    The others see nothing that is out of focus.
+    The rows and columns of tiles around it see nothing that is out of focus.
 
     Args:
         frame: What holds for the whole picture.
@@ -22,18 +25,29 @@ def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None
     Returns:
         None if the whole region is in focus.
     """
+    if _in_focus(frame, grid, signed_radius):
+        return None
+    for beside in (False, True):
+        for last in (False, True):
+            while (count := grid.columns if beside else len(grid.tiles) // grid.columns) > 1:
+                parts = grid.divided(count - 1 if last else 1, beside=beside)
+                strip, rest = parts[::-1] if last else parts
+                if not _in_focus(frame, strip, signed_radius):
+                    break
+                grid = rest
+    return grid
+
+
+def _in_focus(frame: Frame, grid: Grid, signed_radius: Pixels) -> bool:
+    """Whether all that some tiles could see of a frame is in focus."""
     if frame.sharp is None:
-        return grid
-    around = grid.box.grown(frame.margin, frame.box)
-    out = around.of(signed_radius).abs() > frame.sharp
-    ends = []
-    for dim, first in enumerate((around.top, around.left)):
-        some = torch.nonzero(out.any(1 - dim))[:, 0]
-        if not len(some):
-            return None
-        ends.append((first + int(some[0]), int(some[-1]) + 1 - int(some[0])))
-    (top, height), (left, width) = ends
-    return grid.seeing(Box(top, left, height, width).grown(frame.margin, frame.box))
+        return False
+    seen = grid.box.grown(frame.margin, frame.box).of(signed_radius)
+    for some in (seen[::_SAMPLED, ::_SAMPLED], seen):
+        least, most = torch.aminmax(some)
+        if bool((least < -frame.sharp) | (most > frame.sharp)):
+            return False
+    return True
 
 
 def counts_of_copies(frame: Frame, tiles: list[Box]) -> dict[str, int]:

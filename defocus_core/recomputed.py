@@ -1,8 +1,9 @@
-"""Work whose intermediate results a backward pass computes again instead of keeping them."""
+"""What work keeps for a backward pass: nothing that can be computed again, or nothing at all."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import TypeVar, cast
 
 import torch
@@ -25,3 +26,11 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
         return cast(R, result)
 
     return again
+
+
+def unrecorded() -> AbstractContextManager[None]:
+    """Where no gradients are wanted, work is faster still in torch's inference mode.
+
+    What is made within can take no part in a later backward pass: it is put together outside.
+    """
+    return torch.inference_mode(not torch.is_grad_enabled())

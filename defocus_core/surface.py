@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -73,7 +74,7 @@ class Surface:
         if len(samples.at):
             blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
-        self._samples, self._extents = samples, _Extents(blocks.cpu(), (H, W))
+        self._samples, self._blocks = samples, blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes, self._planes = None, None
         if samples.slopes is not None:
@@ -82,10 +83,15 @@ class Surface:
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             self._slopes = self._framed(samples.slopes)
             if not samples.slopes.requires_grad:
-                self._planes = Planes(lowest.cpu(), highest.cpu(), blocks.cpu())
+                self._planes = Planes(lowest.cpu(), highest.cpu(), self._blocks)
         self._layer = self._framed(samples.layer)
         self._places = self._framed(samples.places)
         self._extra = Points(samples.at, samples.extra, samples.extra_places, (H, W))
+
+    @cached_property
+    def _extents(self) -> _Extents:
+        """Where its slices are: only what is blurred at reduced resolution asks."""
+        return _Extents(self._blocks, self._samples.places.shape)
 
     def _framed(self, values: Tensor) -> Tensor:
         """Values [..., H, W] in a frame of zeros in which every window lies."""
@@ -190,12 +196,12 @@ class Surface:
 class _Extents:
     """Where the blocks of slices are."""
 
-    def __init__(self, blocks: Tensor, size: tuple[int, int]) -> None:
+    def __init__(self, blocks: Tensor, size: Sequence[int]) -> None:
         """Look at blocks [K, rows, columns] bool of a frame of (height, width)."""
         columns, some = blocks.shape[2], blocks.any(2)
         first = torch.where(some, blocks.long().argmax(2), columns)
         end = torch.where(some, columns - blocks.flip(2).long().argmax(2), 0)
-        self._size, self._first, self._end = size, first.tolist(), end.tolist()
+        self._size, self._first, self._end = (size[0], size[1]), first.tolist(), end.tolist()
 
     def box(self, rungs: list[int], top: int = 0, below: int | None = None) -> Box:
         """The rectangle that holds all blocks of some slices, of all rows or between two rows."""

@@ -1,4 +1,4 @@
-"""Independent pieces of work on a few threads, with the caller's gradient mode.
+"""Independent pieces of work on a few threads, in the caller's gradient and inference modes.
 
 At most some results wait to be taken: whoever takes them slowly is not overrun.
 """
@@ -24,10 +24,11 @@ def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Itera
     if threads == 1 or len(pieces) < 2:
         yield from map(work, pieces)
         return
-    gradient = torch.is_grad_enabled()
+    gradient, inference = torch.is_grad_enabled(), torch.is_inference_mode_enabled()
 
     def piece_of_work(piece: T) -> R:
-        with torch.set_grad_enabled(gradient):  # the mode belongs to the thread
+        # modes belong to the thread
+        with torch.inference_mode(inference), torch.set_grad_enabled(gradient):
             return work(piece)
 
     with ThreadPoolExecutor(threads) as pool:

@@ -78,11 +78,15 @@ class Grid(NamedTuple):
         height, width = last.top + last.height - first.top, last.left + last.width - first.left
         return Box(first.top, first.left, height, width)
 
-    def seeing(self, box: Box) -> Grid:
-        """The tiles that have pixels in a rectangle, some of which are its own."""
-        tiles = [tile for tile in self.tiles if min(box.grown(0, tile)[2:]) > 0]
-        columns = sum(1 for tile in tiles if tile.top == tiles[0].top)
-        return self._replace(tiles=tiles, columns=columns)
+    def divided(self, at: int, *, beside: bool) -> tuple[Grid, Grid]:
+        """The first so many rows, or columns if `beside`, and the rest; either may be empty."""
+        first: list[Box] = []
+        rest: list[Box] = []
+        for i, tile in enumerate(self.tiles):
+            number = i % self.columns if beside else i // self.columns
+            (first if number < at else rest).append(tile)
+        columns = (at, self.columns - at) if beside else (self.columns, self.columns)
+        return Grid(first, self.side, columns[0]), Grid(rest, self.side, columns[1])
 
     def seen_from(self, other: Box) -> Grid:
         """The same tiles counted from the corner of another rectangle."""

@@ -158,6 +158,6 @@ def spreads_of(
         step = 1 << halvings
         cells = reach(radius / step, -(-limit // step))
         # a pixel has shares in cells beside it, and is read from two cells on each side
-        px = min(step * (cells + 3), limit) if halvings else cells
+        px = min(step * (cells + 3) - 1, limit) if halvings else cells
         found.append(Spread(halvings, cells, px))
     return found

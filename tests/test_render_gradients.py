@@ -3,7 +3,7 @@
 import pytest
 import torch
 from measures import worst
-from scenes import pattern, slanted
+from scenes import RADII, pattern, slanted
 from torch import Tensor
 from torch.autograd import gradcheck
 
@@ -86,3 +86,22 @@ def test_gradients_in_float32_are_those_in_float64() -> None:
 
     exact = slopes(torch.float64)
     assert worst(slopes(torch.float32), exact) < 0.01 * float(exact.abs().max())
+
+
+@pytest.mark.parametrize("kind", ["steps", "slanted"])
+def test_what_is_rendered_without_gradients_may_take_part_in_later_ones(kind: str) -> None:
+    """And what is kept from one picture to the next, like shares beside the border."""
+    image, radius = pattern((20, 26)), RADII[kind]((20, 26))
+    with torch.no_grad():
+        plain = render(image, radius, left_right=True)
+    assert plain.left is not None
+    weight = torch.ones_like(image, requires_grad=True)
+    (plain.render * weight * plain.left * plain.trust).sum().backward()
+    assert weight.grad is not None
+    wanted = radius.clone().requires_grad_()
+    seen = render(image, wanted, left_right=True)
+    assert worst(seen.render.detach(), plain.render) < 1e-9
+    seen.render.sum().backward()
+    assert wanted.grad is not None
+    with torch.inference_mode():
+        assert worst(render(image, radius).render, plain.render) < 1e-9

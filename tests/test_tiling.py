@@ -46,9 +46,11 @@ def test_points_are_found_where_pixels_would_be() -> None:
     assert torch.equal(blocks_at(places, at, 2, (40, 60)), blocks_of(dense, 2, present))
 
 
-def test_tiles_that_see_a_rectangle_are_those_that_it_touches() -> None:
+def test_a_grid_is_divided_between_rows_or_columns() -> None:
     grid = grid_over(300, 400, 100)
-    part = grid.seeing(Box(120, 199, 80, 2))
-    assert part.tiles == [Box(100, 100, 100, 100), Box(100, 200, 100, 100)]
-    assert (part.columns, part.side) == (2, 100)
-    assert grid.seeing(grid.box) == grid
+    above, below = grid.divided(1, beside=False)
+    assert (above.box, below.box) == (Box(0, 0, 100, 400), Box(100, 0, 200, 400))
+    left, right = grid.divided(3, beside=True)
+    assert (left.box, right.box) == (Box(0, 0, 300, 300), Box(0, 300, 300, 100))
+    assert [part.columns for part in (above, below, left, right)] == [4, 4, 3, 1]
+    assert sorted(left.tiles + right.tiles) == sorted(grid.tiles)

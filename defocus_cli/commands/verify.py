@@ -12,6 +12,7 @@ import click
 from defocus_cli import options, report, verify_table
 from defocus_cli.grouped import GroupedCommand
 from defocus_cli.job import Machine
+from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
     from defocus_core.checks import Check, Setting
@@ -47,7 +48,7 @@ def command(machine: Machine, as_json: bool) -> int:
     from defocus_core.checks import Setting
 
     device = engine.choose_device(machine.device)
-    torch.set_num_threads(1)  # threads work on tiles, as when rendering
+    leave_threads_to_tiles()
     start = time.perf_counter()
     checks = [*_watched(Setting(device, machine.quality, machine.threads))]
     seconds = time.perf_counter() - start
