@@ -2,28 +2,21 @@
 
 Values are averaged to half resolution again and again, by the weight they have; then each level
 fills from the next coarser one what it lacks (Gortler et al. 1996). The averages overlap: a pixel
-is continued alike wherever it lies among the cells. Only blocks around the pixels that ask are
+is continued alike wherever it lies among the cells. Only what is around the pixels that ask is
 computed, and only as many levels as they ask for.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
 from defocus_core.halving import Axis, pulled
+from defocus_core.pieces import alike, pieces
 
-# Cells of the coarsest level on a side of a block, and those around it from which light comes.
-_CELLS = 8
-_AROUND = 3
 # Values come from this many px times 2^level away at most.
 REACH = 4
-# Samples continued at once: bounds memory.
-_SAMPLES = 1 << 18
 
 
 def continued(
@@ -49,134 +42,27 @@ def continued(
     Returns:
         [n, K], and [n] bool whether there was something to continue.
     """
-    axes = list(zip(rank.shape, middle, strict=True))
     borders, which = torch.unique(border, return_inverse=True)
-    cells = [_cell(at[:, d], axis, level) for d, axis in enumerate(middle)]
-    pieces, of = _pieces(cells, which, len(borders), [_span(n, axis, level) for n, axis in axes])
+    size = (rank.shape[0], rank.shape[1])
+    every, of = pieces(at, which, len(borders), size, middle, level)
     order = of.argsort(stable=True)
-    ends = [0, *torch.bincount(of, minlength=len(pieces)).cumsum(0).tolist()]
+    ends = [0, *torch.bincount(of, minlength=len(every)).cumsum(0).tolist()]
     picture = torch.cat([values, torch.ones_like(rank)[None]])
     found = picture.new_zeros(len(at), len(picture) - 1)
     weight = picture.new_zeros(len(at))
-    for first, last in _batches(pieces, level):
-        some = order[ends[first] : ends[last]]
-        corners = [
-            (
-                (piece.first[0] << level) + middle[0].middle,
-                (piece.first[1] << level) + middle[1].middle,
-            )
-            for piece in pieces[first:last]
-        ]
-        size = [
-            (n << level) + axis.odd for n, axis in zip(pieces[first].cells, middle, strict=True)
-        ]
-        limits = borders[[piece.border for piece in pieces[first:last]]]
-        result = _filled(picture, rank, corners, (size[0], size[1]), limits, level, middle)
-        number = of[some] - first
+    for batch in alike(every, level):
+        some = order[ends[batch.start] : ends[batch.stop]]
+        corners = [piece.corner(middle, level) for piece in every[batch]]
+        limits = borders[[piece.border for piece in every[batch]]]
+        size = every[batch.start].size(middle, level)
+        result = _filled(picture, rank, corners, size, limits, level, middle)
+        number = of[some] - batch.start
         places = at[some] - torch.tensor(corners, device=at.device)[number]
         sampled = _sampled(result, number, places)
         share = sampled[:, -1:].detach()
         found = found.index_copy(0, some, sampled[:, :-1] / torch.where(share > 0, share, 1.0))
         weight = weight.index_copy(0, some, share[:, 0])
     return found, weight > 0
-
-
-class _Piece(NamedTuple):
-    """What is continued at once for pixels of one border, in cells of the coarsest level.
-
-    Attributes:
-        first: Row and column of the first cell, counted from the middle of the frame.
-        cells: Rows and columns.
-        border: Its number.
-    """
-
-    first: tuple[int, int]
-    cells: tuple[int, int]
-    border: int
-
-
-def _cell(at: Tensor, axis: Axis, level: int) -> Tensor:
-    """Cells [n] of 2^level px, counted from the middle, that hold pixels [n]."""
-    place = at - axis.middle + (0.0 if axis.odd else 0.5)
-    return (place / (1 << level)).floor().long()
-
-
-def _span(length: int, axis: Axis, level: int) -> tuple[int, int]:
-    """The first cell of an axis of some pixels and the end of the last, and one more each."""
-    return (-axis.middle >> level) - 1, -((axis.middle - length) >> level) + 1
-
-
-def _pieces(
-    cells: list[Tensor], which: Tensor, borders: int, spans: list[tuple[int, int]]
-) -> tuple[list[_Piece], Tensor]:
-    """What is to be continued, and in which piece of it each pixel is.
-
-    Of each border either the rectangle around all that ask, or blocks that are asked, whichever are
-    fewer cells.
-
-    Args:
-        cells: Row and column of n pixels, [n] both.
-        which: [n] number of the border of each.
-        borders: How many there are.
-        spans: Cells that hold anything.
-    """
-    blocks = [cell.div(_CELLS, rounding_mode="floor") for cell in cells]
-    firsts = [int(block.min()) for block in blocks]
-    rows, columns = (
-        int(block.max()) - first + 1 for block, first in zip(blocks, firsts, strict=True)
-    )
-    key = (which * rows + blocks[0] - firsts[0]) * columns + blocks[1] - firsts[1]
-    keys, of = torch.unique(key, return_inverse=True)
-    border = keys.div(rows * columns, rounding_mode="floor")
-    ends = []
-    for cell, (first, end) in zip(cells, spans, strict=True):
-        low, high = (
-            cell.new_zeros(borders).scatter_reduce(0, which, cell, how, include_self=False)
-            for how in ("amin", "amax")
-        )
-        low, high = (low - _AROUND).clamp(min=first), (high + 1 + _AROUND).clamp(max=end)
-        ends.append((low, high - low))
-    block = _CELLS + 2 * _AROUND
-    around = ends[0][1] * ends[1][1] <= torch.bincount(border, minlength=borders) * block**2
-    starts = ~around[border]
-    starts[0] = True
-    starts[1:] |= border.diff() > 0
-    number = starts.cumsum(0) - 1
-    keys, border = keys[starts], border[starts]
-    places = (
-        keys.div(columns, rounding_mode="floor") % rows + firsts[0],
-        keys % columns + firsts[1],
-    )
-    single = around[border]
-    corner, size = (
-        [
-            torch.where(single, end[i][border], other).tolist()
-            for end, other in zip(ends, others, strict=True)
-        ]
-        for i, others in enumerate(
-            ([place * _CELLS - _AROUND for place in places], [torch.full_like(keys, block)] * 2)
-        )
-    )
-    found = [
-        _Piece(*some)
-        for some in zip(
-            zip(*corner, strict=True), zip(*size, strict=True), border.tolist(), strict=True
-        )
-    ]
-    return found, number[of]
-
-
-def _batches(pieces: list[_Piece], level: int) -> Iterator[tuple[int, int]]:
-    """The first and the end of pieces that are alike, as many as are continued at once."""
-    first = 0
-    while first < len(pieces):
-        rows, columns = pieces[first].cells
-        most = first + max(1, _SAMPLES // (rows * columns << 2 * level))
-        last = first + 1
-        while last < min(most, len(pieces)) and pieces[last].cells == (rows, columns):
-            last += 1
-        yield first, last
-        first = last
 
 
 def _filled(

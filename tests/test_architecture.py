@@ -41,6 +41,7 @@ LAYERS = [
         "aperture",
         "halving",
         "metrics",
+        "pieces",
         "probes",
         "quality",
         "ranks",
