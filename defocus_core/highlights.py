@@ -26,8 +26,9 @@ from defocus_core.tiling import BLOCK, Box, blocks_of
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
 _ORDINARY = 0.995
-# Surroundings are those up to 1.5 · 2^5 px away; a highlight wider than that stands on black.
-_LEVEL = 5
+# Surroundings are those up to 1.5 · 2^2 px away, or where there are none 1.5 · 2^5 px; a highlight
+# wider than that stands on black.
+CLOSE, _LEVEL = 2, 5
 # How much nearer, in px of radius and as a share of it, a surface must be to stand before a light.
 _BEFORE = (1.5, 0.15)
 # Samples drawn at once: bounds memory.
@@ -85,10 +86,18 @@ def split(
     at = torch.nonzero(brightness > limit)
     if not len(at):
         return pixels, None
-    border = torch.full_like(brightness[0, 0], -limit).expand(len(at))
-    around, _ = continued(  # less than the border itself: those at the limit are ordinary
-        pixels, -brightness, at, _just_below(border), level=_LEVEL, middle=middle
-    )
+    # less than the border itself: those at the limit are ordinary
+    border = _just_below(torch.full_like(brightness[0, 0], -limit))
+    around = pixels.new_zeros(len(at), len(pixels))
+    left = torch.arange(len(at), device=at.device)
+    for level in (CLOSE, _LEVEL):
+        found, some = continued(
+            pixels, -brightness, at[left], border.expand(len(left)), level=level, middle=middle
+        )
+        around = around.index_copy(0, left[some], found[some])
+        left = left[~some]
+        if not len(left):
+            break
     rows, columns = at.unbind(-1)
     rest = pixels.clone()
     rest[:, rows, columns] = around.T

@@ -50,6 +50,11 @@ class Piece(NamedTuple):
         return height, width
 
 
+def block_px(level: int) -> tuple[int, int]:
+    """Px from one block to the next, and on a side of one with what is around it."""
+    return _CELLS << level, _BLOCK << level
+
+
 def pieces(
     at: Tensor,
     which: Tensor,

@@ -15,7 +15,8 @@ import torch
 from defocus_core.aperture import Aperture
 from defocus_core.copying import blurred_part
 from defocus_core.frame import Frame, frame_of
-from defocus_core.highlights import reached_by
+from defocus_core.highlights import CLOSE
+from defocus_core.pieces import block_px
 from defocus_core.presence import Presence
 from defocus_core.quality import find
 from defocus_core.source import Pixels, banded, bands
@@ -205,7 +206,7 @@ def _lights(
     present = sorted({k for some in visible for k in some})
     nearer = r.new_tensor([frame.radii[k] for k in present]) < r[:, None] - 1.5
     samples = (2 * spread + 1) ** 2 * (nearer.sum(1) + len(frame.parts))
-    side = 2 * reached_by(0)
+    side, length = block_px(CLOSE)
     discs = blocks = 0.0
     for grid in grids:
         first = at.new_tensor(grid.box[:2])
@@ -213,7 +214,7 @@ def _lights(
         far = torch.maximum(first - at, at - last).amax(1)
         discs += float(samples[far <= spread].sum())
         cells = at[far <= frame.margin].div(side, rounding_mode="floor")
-        blocks += len(torch.unique(cells, dim=0)) * (1.5 * side) ** 2
+        blocks += len(torch.unique(cells, dim=0)) * length**2
     return discs, blocks
 
 

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from defocus_core.backdrop import halvings_for, level_of
-from defocus_core.continuation import REACH
 from defocus_core.frame import Frame
 from defocus_core.hidden import hidden_layer
+from defocus_core.pieces import block_px
 from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
@@ -230,18 +230,18 @@ def _around(at: Tensor, border: Tensor, level: int, size: list[int]) -> float:
     """
     if not len(at):
         return 0.0
-    side = 2 * REACH << level
+    side, length = block_px(level)
     borders, which = torch.unique(border, return_inverse=True)
     cells = at.div(side, rounding_mode="floor")
     blocks = torch.unique(torch.cat([which[:, None], cells], 1), dim=0)[:, 0]
-    of_blocks = torch.bincount(blocks, minlength=len(borders)) * (1.75 * side) ** 2
+    of_blocks = torch.bincount(blocks, minlength=len(borders)) * length**2
     area = torch.ones_like(of_blocks)
     for dim, most in enumerate(size):
         low, high = (
             at.new_zeros(len(borders)).scatter_reduce(0, which, at[:, dim], how, include_self=False)
             for how in ("amin", "amax")
         )
-        area *= (high - low + 0.75 * side).clamp(max=most)
+        area *= (high - low + length - side).clamp(max=most)
     return float(torch.minimum(of_blocks, area).sum())
 
 
