@@ -116,14 +116,15 @@ def hidden_layer(
     index = torch.nonzero(behind.flatten())[:, 0]
     if not len(index):
         return None
-    near, far, cone = (x.flatten().index_select(0, index) for x in (inside, source, shown))
-    border = _border(near, far, cone)
     y = index.div(wanted.width, rounding_mode="floor")
     at = torch.stack([y + wanted.top, index - y * wanted.width + wanted.left], 1)
-    values = (image, signed_radius[None])
     here = at[:, 0] * W + at[:, 1]
+    pictures = (image, signed_radius[None])
     # stays where nothing is farther
-    found = torch.cat([value.flatten(1).index_select(1, here) for value in values]).T
+    found = torch.cat([some.flatten(1).index_select(1, here).T for some in pictures], 1)
+    near = found[:, -1].detach().clone()
+    far, cone = (x.flatten().index_select(0, index) for x in (source, shown))
+    border = _border(near, far, cone)
     deep = far - cone > (_SHALLOW * DECAY) * (1 << finest)
     all_of_it = levels_of(*beyond.pictures[0].rank.shape)
     levels = level_of(far - near).clamp(max=all_of_it).clamp(min=finest)
@@ -140,12 +141,14 @@ def hidden_layer(
             picture = beyond.pictures[halvings_for(level) - COARSE]
             result, exists = _coarsely(picture, places, borders, middle, level)
         else:
-            half, whole = farther(values, r, middle, _ONE_SURFACE)
+            half, whole = farther(pictures, r, middle, _ONE_SURFACE)
             result, exists = _continued(half, half.places(places, middle), borders, level)
             tensor, _ = _coarsely(structure(half, whole), places, borders, middle, level)
             lines = transported(image, signed_radius, places, borders, result, tensor)
             result = torch.cat([lines, result[:, -1:]], 1)
-        found = found.index_copy(0, some[exists], result[exists])
+        if not bool(exists.all()):
+            some, result = some[exists], result[exists]
+        found.index_copy_(0, some, result)
     color = torch.zeros_like(wanted.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
     radius = wanted.of(signed_radius).flatten().index_copy(0, index, found[:, -1])
     radius = radius.reshape(inside.shape)

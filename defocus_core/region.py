@@ -64,7 +64,9 @@ class Region:
         self._spans = [spans.index(id(window)) for window in frame.windows]
         middle = axes(frame.size, outer.top, outer.left)
 
-        pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
+        pixels, signed_radius = (
+            outer.of(x).to(frame.dtype).contiguous() for x in (pixels, signed_radius)
+        )
         pixels, highlights = split(pixels, signed_radius, frame.limit, middle)
         self._radius = core.seen_from(outer).of(signed_radius)
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
