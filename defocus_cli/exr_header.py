@@ -23,6 +23,7 @@ _DEEP, _MULTIPART = 0x800, 0x1000
 _LONGEST_NAME = 255
 # The attributes read here are tens of bytes, a channel list at most some thousand names.
 _LONGEST_VALUE = 2**24
+_SQUARE = struct.pack("<f", 1.0)
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Header:
     data: Window
     display: Window
     deep: bool
+    pixel_aspect: float = 1.0  # width of a pixel by its height
 
     @property
     def label(self) -> str:
@@ -165,6 +167,7 @@ def _header(index: int, attributes: dict[str, bytes], any_deep: bool) -> Header:
         data=Window(*struct.unpack("<4i", attributes["dataWindow"])),
         display=Window(*struct.unpack("<4i", attributes["displayWindow"])),
         deep=kind.startswith(b"deep"),
+        pixel_aspect=struct.unpack("<f", attributes.get("pixelAspectRatio", _SQUARE))[0],
     )
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from defocus_cli.exr_header import Header
 
 _FLATTEN = "flatten it first, for example with oiiotool --flatten"
+_NEARLY_SQUARE = 1e-3  # by how much the sides of a pixel may differ
 
 
 class _Named(Protocol):
@@ -67,7 +68,21 @@ def choose_color(
     """The colour layer of a file; ``layer`` and ``part`` as `defocus_cli.images.read_color`.
 
     Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
+
+    Raises:
+        InputError: there is none, or several; or its pixels are not square.
     """
+    chosen = _chosen_color(path, headers, layer, part)
+    aspect = chosen.header.pixel_aspect
+    if not abs(aspect - 1) <= _NEARLY_SQUARE:
+        problem = f"has pixels {aspect:g} times as wide as high"
+        raise InputError(path, problem, "resample it to square pixels: a lens blurs in circles")
+    return chosen
+
+
+def _chosen_color(
+    path: Path, headers: Sequence[Header], layer: str | None, part: int | None
+) -> ColorLayer:
     searched = _flat(path, _of_part(path, headers, part))
     found = [found for header in searched for found in _color_layers(header)]
     if layer is not None:

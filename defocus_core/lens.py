@@ -56,8 +56,12 @@ class DefocusLens(ThinLens):
 
         Returns:
             [rows, columns, 1, ks, ks], all equal.
+
+        Raises:
+            ValueError: If a grid has no rows or no columns.
         """
-        return self.psf(self._axis_point(depth), ks, psf_type).repeat(*grid, 1, 1, 1)
+        rows, columns = _checked(grid)
+        return self.psf(self._axis_point(depth), ks, psf_type).repeat(rows, columns, 1, 1, 1)
 
     def psf_dp(
         self, points: Tensor, ks: int = 64, psf_type: str = "gaussian"
@@ -88,8 +92,9 @@ class DefocusLens(ThinLens):
         psf_type: str = "gaussian",
     ) -> tuple[Tensor, Tensor]:
         """`psf_dp` over a grid, as `psf_map`: (left, right), each [rows, columns, 1, ks, ks]."""
+        rows, columns = _checked(grid)
         left, right = self.psf_dp(self._axis_point(depth), ks, psf_type)
-        return left.repeat(*grid, 1, 1, 1), right.repeat(*grid, 1, 1, 1)
+        return left.repeat(rows, columns, 1, 1, 1), right.repeat(rows, columns, 1, 1, 1)
 
     def render_rgbd(
         self,
@@ -210,3 +215,11 @@ def _fitted(radius: Tensor, ks: int, aperture: Aperture, part: Part) -> Tensor:
 
 def _three(psf: Tensor) -> Tensor:
     return torch.stack([psf, psf, psf], dim=-3)
+
+
+def _checked(grid: tuple[int, int]) -> tuple[int, int]:
+    """A grid of at least one row and one column."""
+    rows, columns = grid
+    if rows < 1 or columns < 1:
+        raise ValueError(f"grid must be (rows, columns) of at least 1 each, got {grid}")
+    return rows, columns

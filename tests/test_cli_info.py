@@ -163,6 +163,19 @@ def test_what_is_found_is_told_though_a_later_file_is_missing(tmp_path: Path) ->
     assert "no.exr: no such file" in ran.err
 
 
+def test_what_comes_after_a_missing_file_is_told_too(tmp_path: Path) -> None:
+    files = (tmp_path / "no.exr", depth_exr(tmp_path / "z.exr"), tmp_path / "nor.exr")
+    ran = run("info", *files)
+    assert ran.code == 3
+    assert "1 m to 4 m" in ran.out
+    assert [line for line in ran.err.splitlines() if "no such file" in line] == [
+        line for line in ran.err.splitlines() if line
+    ]
+    assert len(ran.err.splitlines()) == 2
+    ran = run("info", "--json", *files)
+    assert (ran.code, len(ran.json["files"])) == (3, 1)
+
+
 def test_integers_are_depth_once_their_unit_is_said(tmp_path: Path) -> None:
     path = tmp_path / "z.npy"
     np.save(path, (ramp() * 1000).astype(np.uint16)[None])

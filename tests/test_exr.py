@@ -18,6 +18,7 @@ from defocus_cli.arrays import Keeping
 from defocus_cli.errors import InputError
 from defocus_cli.exr import clamped_half, read_parts, write_exr
 from defocus_cli.exr_header import read_headers
+from defocus_cli.layers import choose_color
 
 
 def test_every_pixel_type_comes_back_bit_for_bit(tmp_path: Path) -> None:
@@ -221,3 +222,17 @@ def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
     monkeypatch.setattr(exr, "_LARGEST_TILE", 64 * 64 * 12 - 1)
     with pytest.raises(InputError, match="piece by piece; allow more --memory"):
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
+
+
+def test_pixels_that_are_not_square_are_refused(tmp_path: Path) -> None:
+    """A lens blurs in circles, and radii are in px of both axes."""
+    for aspect, square in ((1.0, True), (1.0004, True), (2.0, False), (0.9, False)):
+        path = tmp_path / f"{aspect}.exr"
+        header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
+        planes = {name: np.zeros((4, 5), np.float16) for name in "RGB"}
+        OpenEXR.File(header, planes).write(str(path))
+        if square:
+            assert choose_color(path, read_headers(path), layer=None, part=None)
+            continue
+        with pytest.raises(InputError, match=f"{aspect:g} times as wide as high; resample"):
+            choose_color(path, read_headers(path), layer=None, part=None)

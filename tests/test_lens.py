@@ -287,3 +287,11 @@ def test_images_and_depth_maps_that_do_not_belong_together_are_refused(image, de
     for method in (camera().render_rgbd, camera().render_rgbd_dp):
         with pytest.raises(ValueError, match=said):
             method(torch.zeros(image), torch.full(depth, 2500.0))
+
+
+@pytest.mark.parametrize("grid", [(0, 3), (-1, 2), (2, 0)])
+def test_a_map_of_nothing_is_refused(grid):
+    lens = camera()
+    for of_grid in (lens.psf_map, lens.psf_map_dp):
+        with pytest.raises(ValueError, match="at least 1 each"):
+            of_grid(grid=grid)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from defocus_cli import options, report
+from defocus_cli.errors import InputError
 from defocus_cli.grouped import GroupedCommand
 from defocus_cli.inspection import inspect
 from defocus_cli.job import Lens, Reading
@@ -25,17 +26,28 @@ from defocus_cli.option_types import FilePath
 def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_json: bool) -> None:
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
-    With a lens, the range of the signed radius of the circle of confusion is shown too.
+    With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
+    cannot be read is named, and the others are told.
 
     \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
     """  # noqa: D301  click reads the backspace
-    found = (inspect(file, reading, lens) for file in files)  # each is told before the next is read
-    if as_json:
-        report.print_json(files=[report.inspection_record(inspection) for inspection in found])
-        return
-    for inspection in found:
-        for line in report.inspection_lines(inspection):
+    failed: InputError | None = None
+    records = []
+    for file in files:  # each is told before the next is read
+        try:
+            inspection = inspect(file, reading, lens)
+        except InputError as error:
+            if failed:
+                failed.show()
+            failed = error
+            continue
+        records.append(report.inspection_record(inspection))
+        for line in () if as_json else report.inspection_lines(inspection):
             click.echo(line)
+    if as_json and records:
+        report.print_json(files=records)
+    if failed:
+        raise failed
