@@ -27,6 +27,7 @@ def continued(
     *,
     level: int,
     middle: tuple[Axis, Axis],
+    adjoining: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """Values continued to some pixels, to each from those whose rank is beyond its border.
 
@@ -38,6 +39,7 @@ def continued(
         level: How many times resolution is halved, at least 1: values come from up to
             1.5 · 2^level px away, whatever lies there, and never from more than REACH · 2^level.
         middle: Of the frame.
+        adjoining: Whether what lies next to pixels that have values is mostly like these.
 
     Returns:
         [n, K], and [n] bool whether there was something to continue.
@@ -55,7 +57,7 @@ def continued(
         corners = [piece.corner(middle, level) for piece in every[batch]]
         limits = borders[[piece.border for piece in every[batch]]]
         size = every[batch.start].size(middle, level)
-        result = _filled(picture, rank, corners, size, limits, level, middle)
+        result = _filled(picture, rank, corners, size, limits, level, middle, adjoining)
         number = of[some] - batch.start
         places = at[some] - torch.tensor(corners, device=at.device)[number]
         sampled = _sampled(result, number, places)
@@ -73,6 +75,7 @@ def _filled(
     border: Tensor,
     level: int,
     middle: tuple[Axis, Axis],
+    adjoining: bool,
 ) -> Tensor:
     """Continued values and whether there were some, of m rectangles.
 
@@ -84,6 +87,7 @@ def _filled(
         border: [m].
         level: Of the coarsest resolution.
         middle: Of the frame.
+        adjoining: As above.
 
     Returns:
         [m, K + 1, h, w].
@@ -92,7 +96,7 @@ def _filled(
     pixels = torch.stack([_cut(picture, corner, size, 0.0) for corner in corners])
     pixels = pixels.mul_((ranks > border[:, None, None])[:, None])
     odd = (middle[0].odd, middle[1].odd)
-    levels = [_grown(pixels)]
+    levels = [_grown(pixels) if adjoining else pixels]
     for _ in range(level):
         pixels = pulled(pixels, odd)
         pixels = pixels / pixels[:, -1:].clamp(min=1)

@@ -15,6 +15,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+# Farther in front, in px of radius, than anything is; its square can be told from it.
+_FAR = 1e12
+
 
 class Axis(NamedTuple):
     """Where the middle of the frame lies.
@@ -205,7 +208,7 @@ def farther(
         apart: Px of radius up to which pixels are of one surface with the farthest of a cell.
 
     Returns:
-        The pictures, and [h, w] bool which cells hold no edge.
+        The pictures, and [h, w] bool which cells hold no edge, of depth or of the frame.
     """
     down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
     cells = [
@@ -215,23 +218,22 @@ def farther(
     ]
     radius, *pictures = (
         _padded(extended(values, down, across, outside), down, across, outside)
-        for values, outside in ((r, -torch.inf), *((picture, 0.0) for picture in pictures))
+        for values, outside in ((r, -_FAR), *((picture, 0.0) for picture in pictures))
     )
     near = [radius[rows, columns] for rows, columns, _ in cells]
     most = reduce(torch.maximum, near)
-    rank, weight = most, torch.zeros_like(most)
+    limit, rank, weight = most - apart, most, torch.zeros_like(most)
     sums = [picture.new_zeros(len(picture), *most.shape) for picture in pictures]
-    whole = torch.ones_like(most, dtype=torch.bool)
     for some, (rows, columns, share) in zip(near, cells, strict=True):
-        chosen = some > most - apart
-        counted = chosen.to(r.dtype) * share
-        weight += counted
+        chosen = (some > limit).to(r.dtype)
+        weight.add_(chosen, alpha=share)
+        chosen *= share
         sums = [
-            total.addcmul(picture[:, rows, columns], counted)
+            total.addcmul(picture[:, rows, columns], chosen)
             for total, picture in zip(sums, pictures, strict=True)
         ]
-        rank = torch.where(chosen, torch.minimum(rank, some), rank)
-        whole &= chosen | (some == -torch.inf)
+        rank = torch.minimum(rank, some + (share - chosen) * _FAR**2)  # of those chosen
+    whole = weight == sum(share for _, _, share in cells)
     return Coarse(torch.cat(sums) / weight, rank, (down.axis, across.axis), 1), whole
 
 

@@ -142,7 +142,9 @@ def hidden_layer(
             result, exists = _coarsely(picture, places, borders, middle, level)
         else:
             half, whole = farther(pictures, r, middle, _ONE_SURFACE)
-            result, exists = _continued(half, half.places(places, middle), borders, level)
+            result, exists = _continued(
+                half, half.places(places, middle), borders, level, adjoining=True
+            )
             tensor, _ = _coarsely(structure(half, whole), places, borders, middle, level)
             lines = transported(image, signed_radius, places, borders, result, tensor)
             result = torch.cat([lines, result[:, -1:]], 1)
@@ -174,7 +176,7 @@ def _coarsely(
 
 
 def _continued(
-    picture: Coarse, places: Tensor, border: Tensor, level: int
+    picture: Coarse, places: Tensor, border: Tensor, level: int, *, adjoining: bool = False
 ) -> tuple[Tensor, Tensor]:
     """What `continued` returns, of a picture at reduced resolution.
 
@@ -183,6 +185,7 @@ def _continued(
         places: [n, 2] rows and columns in its pixels.
         border: [n].
         level: Counted from full resolution.
+        adjoining: As there.
     """
     return continued(
         picture.values,
@@ -191,6 +194,7 @@ def _continued(
         border,
         level=level - picture.halvings,
         middle=picture.middle,
+        adjoining=adjoining,
     )
 
 
