@@ -145,7 +145,8 @@ def hidden_layer(
             result, exists = _continued(
                 half, half.places(places, middle), borders, level, adjoining=True
             )
-            tensor, _ = _coarsely(structure(half, whole), places, borders, middle, level)
+            tensors = structure(half, whole)
+            tensor, _ = _coarsely(tensors, places, borders, middle, level, adjoining=True)
             lines = transported(image, signed_radius, places, borders, result, tensor)
             result = torch.cat([lines, result[:, -1:]], 1)
         if not bool(exists.all()):
@@ -159,7 +160,13 @@ def hidden_layer(
 
 
 def _coarsely(
-    picture: Coarse, at: Tensor, border: Tensor, middle: tuple[Axis, Axis], level: int
+    picture: Coarse,
+    at: Tensor,
+    border: Tensor,
+    middle: tuple[Axis, Axis],
+    level: int,
+    *,
+    adjoining: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """What `continued` returns, from a picture at reduced resolution, alike all over a cell.
 
@@ -169,9 +176,11 @@ def _coarsely(
         border: [n].
         middle: Of the frame at full resolution.
         level: Counted from full resolution.
+        adjoining: As for `continued`.
     """
     cells = _cells(at, border, middle)
-    result, exists = _continued(picture, picture.places(cells.at, middle), cells.border, level)
+    places = picture.places(cells.at, middle)
+    result, exists = _continued(picture, places, cells.border, level, adjoining=adjoining)
     return result.index_select(0, cells.of), exists.index_select(0, cells.of)
 
 
@@ -185,7 +194,7 @@ def _continued(
         places: [n, 2] rows and columns in its pixels.
         border: [n].
         level: Counted from full resolution.
-        adjoining: As there.
+        adjoining: As for `continued`.
     """
     return continued(
         picture.values,
