@@ -10,8 +10,9 @@ from torch import Tensor
 
 from defocus_core.backdrop import halvings_for, level_of
 from defocus_core.frame import Frame
+from defocus_core.halving import axes
 from defocus_core.hidden import hidden_layer
-from defocus_core.pieces import block_px
+from defocus_core.pieces import pieces
 from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
@@ -207,7 +208,7 @@ def _continued(near: Tensor, far: Tensor, some: Tensor, step: int, finest: int) 
         step: In px.
         finest: The `hidden_level` of the quality.
     """
-    size = [n * step for n in some.shape]
+    size = (some.shape[0] * step, some.shape[1] * step)
     near, far, at = near[some], far[some], torch.nonzero(some) * step
     unit = ((far - near) * _BETWEEN).log2().floor().exp2()
     border = ((near + (far - near) / 4) / unit).round() * unit
@@ -219,30 +220,14 @@ def _continued(near: Tensor, far: Tensor, some: Tensor, step: int, finest: int) 
     return total
 
 
-def _around(at: Tensor, border: Tensor, level: int, size: list[int]) -> float:
-    """Pixels of the blocks, or of the rectangle, around those of each border, whichever are fewer.
-
-    Args:
-        at: [n, 2] rows and columns.
-        border: [n].
-        level: Of the continuation.
-        size: Of the frame.
-    """
+def _around(at: Tensor, border: Tensor, level: int, size: tuple[int, int]) -> float:
+    """Pixels of what is continued at once around those [n, 2] of each border [n]."""
     if not len(at):
         return 0.0
-    side, length = block_px(level)
+    middle = axes(size)
     borders, which = torch.unique(border, return_inverse=True)
-    cells = at.div(side, rounding_mode="floor")
-    blocks = torch.unique(torch.cat([which[:, None], cells], 1), dim=0)[:, 0]
-    of_blocks = torch.bincount(blocks, minlength=len(borders)) * length**2
-    area = torch.ones_like(of_blocks)
-    for dim, most in enumerate(size):
-        low, high = (
-            at.new_zeros(len(borders)).scatter_reduce(0, which, at[:, dim], how, include_self=False)
-            for how in ("amin", "amax")
-        )
-        area *= (high - low + length - side).clamp(max=most)
-    return float(torch.minimum(of_blocks, area).sum())
+    found, _ = pieces(at, which, len(borders), size, middle, level)
+    return float(sum(math.prod(piece.size(middle, level)) for piece in found))
 
 
 def _step(pixels: int) -> int:
