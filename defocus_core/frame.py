@@ -8,7 +8,7 @@ import torch
 
 from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
 from defocus_core.convolution import reach
-from defocus_core.hidden import Behind, around
+from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP, evenly, layers, rungs
@@ -127,9 +127,10 @@ def frame_of(
     edges = max(seen.steepest) > 1
     margin = _NEIGHBOURHOOD + max(reaches)
     if edges:
-        margin += around(quality.hidden_level)
+        margin += AROUND
     if seen.brightest > limit:
         margin = max(margin, reached_by(max(reaches)))
+    margin += margin % 2  # regions are halved
     return Frame(
         size=(H, W),
         grid=grid,

@@ -7,16 +7,11 @@ neighbours.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import reduce
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
-
-# Farther in front, in px of radius, than anything is; its square can be told from it.
-_FAR = 1e12
 
 
 class Axis(NamedTuple):
@@ -31,36 +26,24 @@ class Axis(NamedTuple):
     odd: bool
 
 
-class Coarse(NamedTuple):
-    """A frame at reduced resolution.
+def places(
+    at: Tensor, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int
+) -> list[Tensor]:
+    """Rows and columns [n] of pixels in those of a resolution halved some times.
 
-    Attributes:
-        values: [K, h, w].
-        rank: [h, w] px, the least radius in each pixel of it; -inf where nothing is.
-        middle: Where the middle of the frame is in it.
+    Args:
+        at: [n, 2] at full resolution, in between pixels too.
+        fine: Where the middle of the frame is there.
+        coarse: Where it is at reduced resolution.
         halvings: How many times resolution is halved.
     """
-
-    values: Tensor
-    rank: Tensor
-    middle: tuple[Axis, Axis]
-    halvings: int
-
-    def places(self, at: Tensor, fine: tuple[Axis, Axis]) -> Tensor:
-        """Rows and columns [n, 2] in pixels of this resolution.
-
-        Args:
-            at: The same at full resolution.
-            fine: Where the middle of the frame is there.
-        """
-        share = 0.5**self.halvings
-        found = [
-            coarse.middle + (at[:, d] - axis.middle) * share
-            if axis.odd
-            else coarse.middle - 0.5 + (at[:, d] + 0.5 - axis.middle) * share
-            for d, (axis, coarse) in enumerate(zip(fine, self.middle, strict=True))
-        ]
-        return torch.stack(found, 1)
+    share = 0.5**halvings
+    return [
+        there.middle + (at[:, d] - here.middle) * share
+        if here.odd
+        else there.middle - 0.5 + (at[:, d] + 0.5 - here.middle) * share
+        for d, (here, there) in enumerate(zip(fine, coarse, strict=True))
+    ]
 
 
 def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:
@@ -99,29 +82,6 @@ def extended(values: Tensor, down: Halves, across: Halves, value: float) -> Tens
     """Values [..., H, W] with the missing pixels, which get a value."""
     missing = (across.before, across.after, down.before, down.after)
     return pad(values, missing, value=value) if any(missing) else values
-
-
-def greatest(values: Tensor, middle: tuple[Axis, Axis], missing: float) -> Tensor:
-    """The greatest [h, w] of the pixels [H, W] that make one of half resolution.
-
-    Args:
-        values: [H, W].
-        middle: Of the frame.
-        missing: What pixels outside count as.
-    """
-    down, across = (halves(n, axis) for n, axis in zip(values.shape, middle, strict=True))
-    values = extended(values, down, across, missing)
-    for dim, axis in enumerate(middle):
-        even, odd = (values[i::2] if dim == 0 else values[:, i::2] for i in (0, 1))
-        if not axis.odd:
-            values = torch.maximum(even, odd)
-            continue
-        n = odd.shape[dim]
-        values = even.clone()
-        for start in (0, 1):
-            side = values.narrow(dim, start, n)
-            torch.maximum(side, odd, out=side)
-    return values
 
 
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
@@ -172,81 +132,6 @@ def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
         values.narrow(dim, 1, n).add_(other.narrow(dim, 0, n), alpha=0.25)
         values.narrow(dim, 0, n).add_(even.narrow(dim, 1, n), alpha=0.25)
     return values
-
-
-def coarser(picture: Coarse, sums: Callable[[Tensor, tuple[bool, bool]], Tensor]) -> Coarse:
-    """The same at half of its resolution.
-
-    Args:
-        picture: Where nothing is, it has no weight.
-        sums: `halved` or `pulled`.
-    """
-    values, rank, middle, halvings = picture
-    some = (rank > -torch.inf).to(values.dtype)
-    each = torch.cat([values * some, some[None]])
-    down, across = (halves(n, axis) for n, axis in zip(rank.shape, middle, strict=True))
-    each = sums(extended(each, down, across, 0.0), (down.axis.odd, across.axis.odd))
-    exists = each[-1] > 0
-    least = -greatest(torch.where(some > 0, -rank, -torch.inf), middle, -torch.inf)
-    return Coarse(
-        each[:-1] / torch.where(exists, each[-1], 1.0),
-        torch.where(exists, least, -torch.inf),
-        (down.axis, across.axis),
-        halvings + 1,
-    )
-
-
-def farther(
-    pictures: Sequence[Tensor], r: Tensor, middle: tuple[Axis, Axis], apart: float
-) -> tuple[Coarse, Tensor]:
-    """Pictures at half resolution; of cells that hold an edge only what is beyond it.
-
-    Args:
-        pictures: [k, H, W], K channels in all.
-        r: [H, W] px.
-        middle: Of the frame.
-        apart: Px of radius up to which pixels are of one surface with the farthest of a cell.
-
-    Returns:
-        The pictures, and [h, w] bool which cells hold no edge, of depth or of the frame.
-    """
-    down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
-    cells = [
-        (rows, columns, share_down * share_across)
-        for rows, share_down in _cells(down)
-        for columns, share_across in _cells(across)
-    ]
-    radius, *pictures = (
-        _padded(extended(values, down, across, outside), down, across, outside)
-        for values, outside in ((r, -_FAR), *((picture, 0.0) for picture in pictures))
-    )
-    near = [radius[rows, columns] for rows, columns, _ in cells]
-    most = reduce(torch.maximum, near)
-    limit, rank, weight = most - apart, most, torch.zeros_like(most)
-    sums = [picture.new_zeros(len(picture), *most.shape) for picture in pictures]
-    for some, (rows, columns, share) in zip(near, cells, strict=True):
-        chosen = (some > limit).to(r.dtype)
-        weight.add_(chosen, alpha=share)
-        chosen *= share
-        sums = [
-            total.addcmul(picture[:, rows, columns], chosen)
-            for total, picture in zip(sums, pictures, strict=True)
-        ]
-        rank = torch.minimum(rank, some + (share - chosen) * _FAR**2)  # of those chosen
-    whole = weight == sum(share for _, _, share in cells)
-    return Coarse(torch.cat(sums) / weight, rank, (down.axis, across.axis), 1), whole
-
-
-def _cells(axis: Halves) -> list[tuple[slice, float]]:
-    """For the pixels of each cell of an axis where they are, after `_padded`, and their share."""
-    starts = [(0, 0.5), (1, 1.0), (2, 0.5)] if axis.axis.odd else [(0, 1.0), (1, 1.0)]
-    return [(slice(start, start + 2 * axis.length - 1, 2), share) for start, share in starts]
-
-
-def _padded(values: Tensor, down: Halves, across: Halves, value: float) -> Tensor:
-    """Values [..., H, W] with what the outermost cells of an odd length lack."""
-    edges = [int(axis.axis.odd) for axis in (across, across, down, down)]
-    return pad(values, edges, value=value) if any(edges) else values
 
 
 def averaged(

@@ -9,47 +9,37 @@ lead there.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.backdrop import (
-    COARSE,
-    DECAY,
-    Backdrop,
-    backdrop,
-    halvings_for,
-    level_of,
-    levels_of,
-)
-from defocus_core.continuation import REACH, continued
-from defocus_core.halving import Axis, Coarse, farther
+from defocus_core.backdrop import DECAY, Backdrop, backdrop
+from defocus_core.continuation import continued, nearby
+from defocus_core.halving import Axis
+from defocus_core.sheets import Level, coarser, pixels_of
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
-from defocus_core.transport import structure, transported
+from defocus_core.transport import FARTHEST, transported
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
 STEP = 0.51
-# Where between a near and a far radius a border may be that tells them apart: where the far one is
+# Where between a near and a far radius the border is that tells them apart: where the far one is
 # shown with more than half of its distance left, and where with less.
-_WELL_BETWEEN, _ALMOST_HIDDEN = (0.25, 0.5), (0.1, 0.25)
-# Up to this times 2^level px from the farther surface it is continued from half of the resolution,
-# as far as that level reaches; what is deeper comes from the backdrop.
-_SHALLOW = 1.25
-# Px of radius up to which pixels side by side are of one surface.
-_ONE_SURFACE = 1.0
-# Borders are multiples of 1 / 8 px, and of as great a power of two as fits in between; a little
-# more, for round numbers are frequent radii.
-_GRAINS = 8
-_MORE = 0.0213
-
-
-def around(finest: int) -> int:
-    """Px around a region from which what it hides beside edges is continued."""
-    return REACH << finest
+_BETWEEN, _NEARER = 0.375, 0.175
+# Px of reach that are spent up to which lines go on behind an edge.
+_LINES = 20.0 * DECAY
+# The same up to which something may be next to a pixel.
+_CLOSE = 4.0 * DECAY
+# Resolutions, a quarter and less, that decide the direction of lines together.
+_DIRECTIONS = 3
+# Px on a side of the widest of the cells in which pixels are put together, or more.
+_WIDEST = 6
+# By how much what is next to a pixel counts more than what fills its surroundings.
+_NEXT = 4.0
+# Px around a region from which what it hides is continued.
+AROUND = FARTHEST + 8
 
 
 class HiddenLayer(NamedTuple):
@@ -87,8 +77,6 @@ def hidden_layer(
     beyond: Backdrop | None = None,
     box: Box | None = None,
     wanted: Box | None = None,
-    *,
-    finest: int = 3,
 ) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
@@ -98,7 +86,6 @@ def hidden_layer(
         beyond: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
         wanted: Where in it the layer matters; None if everywhere.
-        finest: The `hidden_level` of a quality.
 
     Returns:
         What is in `wanted`; None if nothing is hidden there.
@@ -108,111 +95,90 @@ def hidden_layer(
     box = box or Box(0, 0, H, W)
     wanted = wanted or Box(0, 0, H, W)
     r = signed_radius.detach()
-    inside = wanted.of(r)
+    around = wanted.grown(_WIDEST, Box(0, 0, H, W))  # cells are seen whole
+    inside = around.of(r)
     shown, source = beyond.revealed(
-        Box(box.top + wanted.top, box.left + wanted.left, wanted.height, wanted.width)
+        Box(box.top + around.top, box.left + around.left, around.height, around.width)
     )
     behind = shown > inside + STEP
     index = torch.nonzero(behind.flatten())[:, 0]
     if not len(index):
         return None
-    y = index.div(wanted.width, rounding_mode="floor")
-    at = torch.stack([y + wanted.top, index - y * wanted.width + wanted.left], 1)
-    here = at[:, 0] * W + at[:, 1]
-    pictures = (image, signed_radius[None])
-    # stays where nothing is farther
-    found = torch.cat([some.flatten(1).index_select(1, here).T for some in pictures], 1)
-    near = found[:, -1].detach().clone()
-    far, cone = (x.flatten().index_select(0, index) for x in (source, shown))
+    y = index.div(around.width, rounding_mode="floor")
+    at = torch.stack([y + around.top, index - y * around.width + around.left], 1)
+    near, far, cone = (x.flatten().index_select(0, index) for x in (inside, source, shown))
     border = _border(near, far, cone)
-    deep = far - cone > (_SHALLOW * DECAY) * (1 << finest)
-    all_of_it = levels_of(*beyond.pictures[0].rank.shape)
-    levels = level_of(far - near).clamp(max=all_of_it).clamp(min=finest)
-    levels = torch.where(deep, levels, finest)
-    down, across = beyond.fine
     middle = (
-        Axis(down.middle - box.top, down.odd),
-        Axis(across.middle - box.left, across.odd),
+        beyond.fine[0]._replace(middle=beyond.fine[0].middle - box.top),
+        beyond.fine[1]._replace(middle=beyond.fine[1].middle - box.left),
     )
-    for level in torch.unique(levels).tolist():
-        some = torch.nonzero(levels == level)[:, 0]
-        places, borders = at.index_select(0, some), border.index_select(0, some)
-        if level > finest:
-            picture = beyond.pictures[halvings_for(level) - COARSE]
-            result, exists = _coarsely(picture, places, borders, middle, level)
-        else:
-            half, whole = farther(pictures, r, middle, _ONE_SURFACE)
-            result, exists = _continued(
-                half, half.places(places, middle), borders, level, adjoining=True
-            )
-            tensors = structure(half, whole)
-            tensor, _ = _coarsely(tensors, places, borders, middle, level, adjoining=True)
-            lines = transported(image, signed_radius, places, borders, result, tensor)
-            result = torch.cat([lines, result[:, -1:]], 1)
-        if not bool(exists.all()):
-            some, result = some[exists], result[exists]
-        found.index_copy_(0, some, result)
-    color = torch.zeros_like(wanted.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
-    radius = wanted.of(signed_radius).flatten().index_copy(0, index, found[:, -1])
+    half = coarser(pixels_of(torch.cat([image, signed_radius[None]]), signed_radius, middle))
+    found, exists = (
+        near.new_zeros(len(at), len(image) + 1),
+        torch.zeros_like(near, dtype=torch.bool),
+    )
+    spent = far - cone
+    for some, side in ((spent <= _CLOSE, 2), (spent > _CLOSE, 4)):
+        some = torch.nonzero(some)[:, 0]
+        if not len(some):
+            continue
+        place, limit = (x.index_select(0, some) for x in (at, border))
+        cells = _cells(place + place.new_tensor(box[:2]), limit, beyond.fine, side)
+        result, tensor, weight = _seen_coarsely(beyond, cells)
+        if side == 2:
+            result, weight = _with_what_is_next(result, weight, half, place, limit, middle)
+        result = (result / torch.where(weight > 0, weight, 1.0)).T
+        lines = torch.nonzero(spent.index_select(0, some) <= _LINES)[:, 0]
+        if len(lines):
+            spot, beyond_it, smooth = (x.index_select(0, lines) for x in (place, limit, result))
+            way = tensor.index_select(1, lines).T
+            colors = transported(image, signed_radius, spot, beyond_it, smooth, way)
+            result = result.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
+        found = found.index_copy(0, some, result)
+        exists[some] = weight > 0
+    if not bool(exists.all()):
+        some = torch.nonzero(exists)[:, 0]
+        index, found = index.index_select(0, some), found.index_select(0, some)
+    color = torch.zeros_like(around.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
+    radius = around.of(signed_radius).flatten().index_copy(0, index, found[:, -1])
     radius = radius.reshape(inside.shape)
     mask = behind & (radius.detach() > inside + STEP)
-    return HiddenLayer(color.reshape(-1, *inside.shape), radius, mask)
+    inner = wanted.seen_from(around)
+    return HiddenLayer(*map(inner.of, (color.reshape(-1, *inside.shape), radius, mask)))
 
 
-def _coarsely(
-    picture: Coarse,
+def _seen_coarsely(beyond: Backdrop, cells: _Cells) -> tuple[Tensor, Tensor, Tensor]:
+    """Colour and radius of pixels [C + 1, n] times their weight, structure tensors, and weights."""
+    values, weight = continued(beyond.levels, cells.at, cells.border, beyond.fine)
+    several = beyond.levels[:_DIRECTIONS]
+    tensor = sum(nearby(level, cells.at, cells.border, beyond.fine)[0][-3:] for level in several)
+    assert isinstance(tensor, Tensor)
+    result, tensor, weight = (x.index_select(-1, cells.of) for x in (values[:-3], tensor, weight))
+    return result, tensor, weight
+
+
+def _with_what_is_next(
+    values: Tensor,
+    weight: Tensor,
+    half: Level,
     at: Tensor,
     border: Tensor,
     middle: tuple[Axis, Axis],
-    level: int,
-    *,
-    adjoining: bool = False,
 ) -> tuple[Tensor, Tensor]:
-    """What `continued` returns, from a picture at reduced resolution, alike all over a cell.
-
-    Args:
-        picture: K channels.
-        at: [n, 2] rows and columns at full resolution.
-        border: [n].
-        middle: Of the frame at full resolution.
-        level: Counted from full resolution.
-        adjoining: As for `continued`.
-    """
-    cells = _cells(at, border, middle)
-    places = picture.places(cells.at, middle)
-    result, exists = _continued(picture, places, cells.border, level, adjoining=adjoining)
-    return result.index_select(0, cells.of), exists.index_select(0, cells.of)
-
-
-def _continued(
-    picture: Coarse, places: Tensor, border: Tensor, level: int, *, adjoining: bool = False
-) -> tuple[Tensor, Tensor]:
-    """What `continued` returns, of a picture at reduced resolution.
-
-    Args:
-        picture: K channels.
-        places: [n, 2] rows and columns in its pixels.
-        border: [n].
-        level: Counted from full resolution.
-        adjoining: As for `continued`.
-    """
-    return continued(
-        picture.values,
-        picture.rank,
-        places,
-        border,
-        level=level - picture.halvings,
-        middle=picture.middle,
-        adjoining=adjoining,
-    )
+    """The same with what lies next to pixels, at half of the resolution, first."""
+    found, share = nearby(half, at, border, middle)
+    most = (share * _NEXT).clamp(max=1)
+    left = 1 - most
+    found = found * (most / torch.where(share > 0, share, 1.0))
+    return torch.addcmul(found, values, left), torch.addcmul(most, weight, left)
 
 
 class _Cells(NamedTuple):
-    """Pixels put together where the same colour will do for them.
+    """Pixels put together where what is seen coarsely is the same for them.
 
     Attributes:
         at: [m, 2] rows and columns of their middles.
-        border: [m].
+        border: [m] px, the farthest.
         of: [n] which of them each pixel belongs to.
     """
 
@@ -221,61 +187,47 @@ class _Cells(NamedTuple):
     of: Tensor
 
 
-def _cells(at: Tensor, border: Tensor, middle: tuple[Axis, Axis]) -> _Cells:
-    """Cells of 2^COARSE px, symmetric about the middle of the frame, by borders.
+def _cells(at: Tensor, border: Tensor, middle: tuple[Axis, Axis], side: int) -> _Cells:
+    """Square cells, symmetric about the middle of the frame.
 
     Args:
         at: [n, 2] rows and columns.
-        border: [n] few different ones.
+        border: [n] px.
         middle: Of the frame.
+        side: Px, even.
     """
-    side = 1 << COARSE
-    borders, key = torch.unique(border, return_inverse=True)
-    cells, starts, counts = [], [], []
+    numbers, firsts, counts = [], [], []
     for d, axis in enumerate(middle):
         offset = at[:, d] - axis.middle
-        cell = (
-            offset.sign() * (offset.abs() + side // 2 - 1).div(side, rounding_mode="floor")
-            if axis.odd
-            else offset.div(side, rounding_mode="floor")
-        )
-        first, last = (int(end) for end in torch.aminmax(cell))
-        cells.append(cell - first)
-        starts.append(first)
+        if axis.odd:  # away from the middle
+            number = offset.sign() * (offset.abs() + side // 2 - 1).div(side, rounding_mode="floor")
+        else:
+            number = offset.div(side, rounding_mode="floor")
+        first, last = (int(end) for end in torch.aminmax(number))
+        numbers.append(number - first)
+        firsts.append(first)
         counts.append(last + 1 - first)
-    key = (cells[0] * counts[1] + cells[1]) * len(borders) + key
-    present = torch.zeros(counts[0] * counts[1] * len(borders), dtype=torch.bool, device=at.device)
+    key = numbers[0] * counts[1] + numbers[1]
+    present = torch.zeros(counts[0] * counts[1], dtype=torch.bool, device=at.device)
     present[key] = True
-    some = torch.nonzero(present)[:, 0]
-    number = present.cumsum(0, dtype=torch.int32).index_select(0, key) - 1
-    cell = some.div(len(borders), rounding_mode="floor")
+    cell = torch.nonzero(present)[:, 0]
+    of = (present.cumsum(0, dtype=torch.int32) - 1).index_select(0, key).long()
+    farthest = torch.full_like(border[:1], -torch.inf).repeat(len(cell))
+    farthest = farthest.scatter_reduce(0, of, border, "amax")
     row = cell.div(counts[1], rounding_mode="floor")
     places = [
-        (index + start) * side + axis.middle + (0.0 if axis.odd else (side - 1) / 2)
-        for index, start, axis in zip((row, cell - row * counts[1]), starts, middle, strict=True)
+        (number + first) * side + axis.middle + (0.0 if axis.odd else (side - 1) / 2)
+        for number, first, axis in zip((row, cell - row * counts[1]), firsts, middle, strict=True)
     ]
-    return _Cells(torch.stack(places, 1), borders[some - cell * len(borders)], number)
+    return _Cells(torch.stack(places, 1), farthest, of)
 
 
 def _border(near: Tensor, far: Tensor, shown: Tensor) -> Tensor:
-    """A radius well between each near and far one [n], of few different ones.
+    """A radius between each near and far one [n].
 
     It is up to half of what is left of the far one's reach. A surface in front of an edge may rise
     towards it, like the top of a box seen from above: it hides nothing of itself, and a border but
     a little above the near radius would take its far end for what is hidden.
     """
     lasting = shown - near > (far - near) / 2
-    low, high = (
-        near + (far - near) * torch.where(lasting, most, least)
-        for most, least in zip(_WELL_BETWEEN, _ALMOST_HIDDEN, strict=True)
-    )
-    middle, reach = (low + high) / 2, (high - low) / 2
-    border = (middle * _GRAINS).round() / _GRAINS
-    found = torch.zeros_like(border, dtype=torch.bool)
-    unit = 2.0 ** math.ceil(math.log2(float(middle.abs().max()) + 1))
-    while unit * _GRAINS >= 1:
-        some = (middle / unit).round() * unit
-        fits = ((some - middle).abs() <= reach) & ~found
-        border, found = torch.where(fits, some, border), found | fits
-        unit /= 2
-    return border + _MORE
+    return near + (far - near) * torch.where(lasting, _BETWEEN, _NEARER)

@@ -17,18 +17,16 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core.aperture import Aperture, Part, kernel
-from defocus_core.continuation import REACH, continued
 from defocus_core.convolution import reach
-from defocus_core.halving import Axis
 from defocus_core.ranks import Ranks
 from defocus_core.tiling import BLOCK, Box, blocks_of
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
 _ORDINARY = 0.995
-# Surroundings are those up to 1.5 · 2^2 px away, or where there are none 1.5 · 2^5 px; a highlight
-# wider than that stands on black.
-CLOSE, _LEVEL = 2, 5
+# Px between the pixels of a square of five by five in which surroundings are looked for: close ones
+# first. A highlight wider than the widest stands on black.
+_STEPS = (1, 3, 8, 24)
 # How much nearer, in px of radius and as a share of it, a surface must be to stand before a light.
 _BEFORE = (1.5, 0.15)
 # Samples drawn at once: bounds memory.
@@ -68,36 +66,22 @@ def reached_by(farthest: int) -> int:
 
     A light beside it, what stands before that light, and what surrounds it.
     """
-    return max(3 * farthest + 2 * BLOCK, farthest + (REACH << _LEVEL))
+    return max(3 * farthest + 2 * BLOCK, farthest + 2 * max(_STEPS))
 
 
-def split(
-    pixels: Tensor, signed_radius: Tensor, limit: float, middle: tuple[Axis, Axis]
-) -> tuple[Tensor, Highlights | None]:
+def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, Highlights | None]:
     """Separate highlights from [C, H, W] pixels; the rest continues their surroundings.
 
     Args:
         pixels: [C, H, W].
         signed_radius: [H, W] px.
         limit: The `threshold` of the frame.
-        middle: Of the frame.
     """
     brightness = pixels.detach().amax(0)
     at = torch.nonzero(brightness > limit)
     if not len(at):
         return pixels, None
-    # less than the border itself: those at the limit are ordinary
-    border = _just_below(torch.full_like(brightness[0, 0], -limit))
-    around = pixels.new_zeros(len(at), len(pixels))
-    left = torch.arange(len(at), device=at.device)
-    for level in (CLOSE, _LEVEL):
-        found, some = continued(
-            pixels, -brightness, at[left], border.expand(len(left)), level=level, middle=middle
-        )
-        around = around.index_copy(0, left[some], found[some])
-        left = left[~some]
-        if not len(left):
-            break
+    around = _surroundings(pixels, brightness <= limit, at)
     rows, columns = at.unbind(-1)
     rest = pixels.clone()
     rest[:, rows, columns] = around.T
@@ -105,8 +89,31 @@ def split(
     return rest, Highlights(at, excess, signed_radius[rows, columns])
 
 
-def _just_below(values: Tensor) -> Tensor:
-    return torch.nextafter(values, torch.full_like(values, -torch.inf))
+def _surroundings(pixels: Tensor, ordinary: Tensor, at: Tensor) -> Tensor:
+    """The mean colour [n, C] of ordinary pixels around others at [n, 2]; black where none is near.
+
+    Of squares of five by five pixels that lie ever farther apart, the first that holds any.
+    """
+    H, W = ordinary.shape
+    around = pixels.new_zeros(len(at), len(pixels))
+    left = torch.arange(len(at), device=at.device)
+    side = torch.arange(-2, 3, device=at.device)
+    square = torch.stack(torch.meshgrid(side, side, indexing="ij"), -1).reshape(-1, 1, 2)
+    for step in _STEPS:
+        place = at[left] + step * square
+        row, column = place[..., 0], place[..., 1]
+        inside = (row >= 0) & (row < H) & (column >= 0) & (column < W)
+        index = row.clamp(0, H - 1) * W + column.clamp(0, W - 1)
+        counts = (ordinary.flatten()[index] & inside).to(pixels.dtype)
+        number = counts.sum(0)
+        some = torch.nonzero(number)[:, 0]
+        colors = pixels.flatten(1)[:, index[:, some].flatten()].reshape(len(pixels), -1, len(some))
+        mean = (colors * counts[:, some]).sum(1) / number[some]
+        around = around.index_copy(0, left[some], mean.T)
+        left = left[number == 0]
+        if not len(left):
+            break
+    return around
 
 
 def draw(

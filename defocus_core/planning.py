@@ -15,8 +15,6 @@ import torch
 from defocus_core.aperture import Aperture
 from defocus_core.copying import blurred_part
 from defocus_core.frame import Frame, frame_of
-from defocus_core.highlights import CLOSE
-from defocus_core.pieces import block_px
 from defocus_core.presence import Presence
 from defocus_core.quality import find
 from defocus_core.source import Pixels, banded, bands
@@ -26,7 +24,7 @@ from defocus_core.workload import Workload
 # What takes time: for the frame, for a region as a whole, for its tiles.
 LOADS = (
     *("frame", "pixels", "images", "backdrop", "kernels"),
-    *("regions", "around", "slopes", "edges", "behind", "hidden", "lights"),
+    *("regions", "around", "slopes", "edges", "behind", "lights"),
     *("calls", "averaged", "forward", "products", "inverse", "composited", "finished"),
 )
 # Bytes of the coarse picture of the frame; of the spectra of kernels, and of those that are made at
@@ -127,7 +125,7 @@ def plan(
     inner = [_area(grid, frame.farthest, frame) for grid in grids]
     around = [sum(areas) for areas in zip(outer, inner, strict=True)]
     repeated = sum(around) / (2 * pixels)
-    discs, blocks = _lights(frame, image, signed_radius, grids, scene.visible.plan)
+    discs = _lights(frame, image, signed_radius, grids, scene.visible.plan)
     of_kernels, kept, made = work.kernels()
     images = channels * size / 4 * (3 if left_right else 1)
     finished = sum(_area(grid, 0, frame) for grid in grids) * images
@@ -145,12 +143,11 @@ def plan(
         "slopes": sum(inner) * frame.tilted,
         "edges": scene.edges * repeated,
         "behind": scene.behind * repeated,
-        "hidden": (scene.continued * repeated + blocks) * samples,
         "lights": discs,
         **_times(work.of_regions, samples),
     }
     held = {
-        "backdrop": pixels * (1 + (channels + 2) * size / 16) if frame.edges else 0.0,
+        "backdrop": pixels * (1 + (channels + 8) * size / 12) if frame.edges else 0.0,
         "spectra": kept * size,
         "making": made * 24,
         "region": 4 * max(around, default=0.0) * samples,
@@ -188,12 +185,10 @@ def _all(loads: dict[str, float]) -> dict[str, float]:
 
 def _lights(
     frame: Frame, image: Pixels, radius: Pixels, grids: list[Grid], visible: list[list[int]]
-) -> tuple[float, float]:
-    """What lights ask for, in all regions that they reach.
+) -> float:
+    """Samples of the discs of lights in all regions that they reach.
 
-    Returns:
-        Samples of their discs, as often as parts and nearer slices look at them; and pixels of the
-        blocks from which what surrounds them is continued.
+    As often as parts and nearer slices look at them.
     """
     found = []
     for (top, _), some, r in zip(bands(*frame.size), banded(image), banded(radius), strict=True):
@@ -201,21 +196,18 @@ def _lights(
         found.append((torch.stack([rows + top, columns], 1), r[rows, columns]))
     at, r = map(torch.cat, zip(*found, strict=True))
     if not len(at):
-        return 0.0, 0.0
+        return 0.0
     spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
     present = sorted({k for some in visible for k in some})
     nearer = r.new_tensor([frame.radii[k] for k in present]) < r[:, None] - 1.5
     samples = (2 * spread + 1) ** 2 * (nearer.sum(1) + len(frame.parts))
-    side, length = block_px(CLOSE)
-    discs = blocks = 0.0
+    discs = 0.0
     for grid in grids:
         first = at.new_tensor(grid.box[:2])
         last = first + at.new_tensor(grid.box[2:]) - 1
         far = torch.maximum(first - at, at - last).amax(1)
         discs += float(samples[far <= spread].sum())
-        cells = at[far <= frame.margin].div(side, rounding_mode="floor")
-        blocks += len(torch.unique(cells, dim=0)) * length**2
-    return discs, blocks
+    return discs
 
 
 def _area(grid: Grid, margin: int, frame: Frame) -> float:

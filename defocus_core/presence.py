@@ -8,11 +8,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from defocus_core.backdrop import halvings_for, level_of
 from defocus_core.frame import Frame
-from defocus_core.halving import axes
 from defocus_core.hidden import hidden_layer
-from defocus_core.pieces import pieces
 from defocus_core.ramps import without_ramps
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
@@ -24,8 +21,6 @@ from defocus_core.tiling import BLOCK, TILE, Box, block_ends, blocks_at, visible
 _SAMPLE, _SAMPLE_BEHIND, _STRIP = 1 << 18, 1 << 20, 1 << 20
 # Px of hidden content behind an edge that each pixel of a sample may stand for.
 _WIDE = 16
-# The share of the way from near to far radii in which one border does for several of them.
-_BETWEEN = 0.3
 # Px of overlap of strips: soft edges are as wide as that.
 _OVERLAP = 12
 # Range of radii in px, among a pixel and its neighbours, on an edge.
@@ -116,7 +111,6 @@ class Presence:
         hidden: What is invented behind them.
         edges: Pixels on edges of depth.
         behind: Pixels behind which something is invented.
-        continued: Pixels of the blocks from which that is continued.
     """
 
     def __init__(self, frame: Frame, signed_radius: Pixels) -> None:
@@ -141,7 +135,7 @@ class Presence:
         windows = list(dict.fromkeys(map(id, frame.windows)))
         spans = [windows.index(id(window)) for window in frame.windows]
         self.hidden = Cover([[] for _ in frame.grid.tiles], blocks[:0], frame.stride, spans)
-        self.behind = self.continued = 0.0
+        self.behind = 0.0
         if frame.edges:
             blocks = self._behind(signed_radius)
             plan = self._tiles(blocks, frame.stride)
@@ -182,52 +176,17 @@ class Presence:
             wide = signed_radius[top - above : top + looked_at + around : step, ::step].detach()
             small = without_ramps(wide / step)
             inner = slice(above // step, -(-(above + looked_at) // step))
-            finest = self.frame.quality.hidden_level
-            behind = hidden_layer(small[None], small, finest=finest)
+            behind = hidden_layer(small[None], small)
             far, some = small * step, torch.zeros_like(small, dtype=torch.bool)
             if behind:
                 far, some = behind.signed_radius * step, behind.mask
             share = min(height, H - top) / looked_at
-            hidden = _continued(small[inner] * step, far[inner], some[inner], step, finest)
-            self.continued += share * hidden
             self.behind += share * step**2 * int(some[inner].sum())
             blocks = self._blocks(far[inner], some[inner], step, stride, (looked_at, W))
             rows = -(-min(height, H - top) // BLOCK)
             found += [blocks] * (rows // blocks.shape[1])
             found.append(blocks[:, : rows % blocks.shape[1]])
         return torch.cat(found, 1)
-
-
-def _continued(near: Tensor, far: Tensor, some: Tensor, step: int, finest: int) -> float:
-    """Pixels from which hidden content is continued, of all resolutions.
-
-    Args:
-        near: [h, w] px, every `step`-th pixel.
-        far: [h, w] px, what lies behind.
-        some: [h, w] bool, where anything does.
-        step: In px.
-        finest: The `hidden_level` of the quality.
-    """
-    size = (some.shape[0] * step, some.shape[1] * step)
-    near, far, at = near[some], far[some], torch.nonzero(some) * step
-    unit = ((far - near) * _BETWEEN).log2().floor().exp2()
-    border = ((near + (far - near) / 4) / unit).round() * unit
-    total = _around(at, border, finest, size) / 4  # what is next to edges, from half resolution
-    levels = level_of(far - near)
-    for level in torch.unique(levels[levels > finest]).tolist():
-        here = levels == level
-        total += _around(at[here], border[here], level, size) / 4 ** halvings_for(level)
-    return total
-
-
-def _around(at: Tensor, border: Tensor, level: int, size: tuple[int, int]) -> float:
-    """Pixels of what is continued at once around those [n, 2] of each border [n]."""
-    if not len(at):
-        return 0.0
-    middle = axes(size)
-    borders, which = torch.unique(border, return_inverse=True)
-    found, _ = pieces(at, which, len(borders), size, middle, level)
-    return float(sum(math.prod(piece.size(middle, level)) for piece in found))
 
 
 def _step(pixels: int) -> int:

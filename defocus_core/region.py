@@ -62,12 +62,11 @@ class Region:
         )
         spans = list(dict.fromkeys(map(id, frame.windows)))
         self._spans = [spans.index(id(window)) for window in frame.windows]
-        middle = axes(frame.size, outer.top, outer.left)
 
         pixels, signed_radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (pixels, signed_radius)
         )
-        pixels, highlights = split(pixels, signed_radius, frame.limit, middle)
+        pixels, highlights = split(pixels, signed_radius, frame.limit)
         self._radius = core.seen_from(outer).of(signed_radius)
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         self._visible = self._in_front(own, signed_radius)
@@ -76,14 +75,7 @@ class Region:
         self._known: Sliced | None = None
         self._invented: Sliced | None = None
         if beyond is not None:
-            hidden = hidden_layer(
-                own.color,
-                signed_radius,
-                beyond,
-                outer,
-                self._inside,
-                finest=frame.quality.hidden_level,
-            )
+            hidden = hidden_layer(own.color, signed_radius, beyond, outer, self._inside)
             if hidden is not None:
                 invented = hidden.mask
                 if behind is not None:

@@ -11,14 +11,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.halving import Coarse, coarser, pulled
+from defocus_core.sheets import Level
 
 # Pixels of half resolution whose radii in px differ by more are not neighbours on one surface.
 _SAME = 1.0
 # Px from a pixel, along its direction, at which a known one is looked for.
 _STEPS = (2, 4, 7, 11, 16, 22)
 # Px at which a colour from one side alone counts nothing.
-_FARTHEST = 24.0
+FARTHEST = 24
 # How much the radius in px of a colour may differ from the one that is continued.
 _OF_ONE = 2.0
 # Slopes of colour, per px and as a share of it, that have no direction; and the coherence below
@@ -26,20 +26,25 @@ _OF_ONE = 2.0
 _FLAT, _HARDLY = 1e-3, 0.05
 
 
-def structure(half: Coarse, whole: Tensor) -> Coarse:
-    """The structure tensor of a picture at a quarter of its resolution: xx, xy and yy.
+def structure(half: Level) -> Level:
+    """A picture with its structure tensor as three further channels: xx, xy and yy.
 
-    Of slopes at half of it, summed over channels (Di Zenzo 1986). Edges of depth are not part of
-    it.
+    Of slopes between neighbours on one surface, summed over channels (Di Zenzo 1986). Edges of
+    depth are not part of it.
 
     Args:
-        half: [C + 1, h, w], linear colour and radius in px, at half of the resolution.
-        whole: [h, w] bool, which cells of it hold no edge.
+        half: Linear colour and radius in px, at half of the resolution.
     """
-    r = torch.where(whole, half.values[-1].detach(), torch.nan)
-    x, y = (_slope(half.values[:-1], r, dim) for dim in (-1, -2))
+    radius = half.first.most.index_fill(0, half.edges, torch.nan)
+    picture, r = (x.reshape(*x.shape[:-1], *half.size) for x in (half.first.values, radius))
+    x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
-    return coarser(half._replace(values=tensor), pulled)
+    first = half.first._replace(values=torch.cat([picture, tensor]).flatten(1))
+    second = half.second
+    if second is not None:  # of so few pixels nothing is known
+        tensor = second.values.new_zeros(3, len(second.most))
+        second = second._replace(values=torch.cat([second.values, tensor]))
+    return half._replace(first=first, second=second)
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
@@ -83,14 +88,14 @@ def transported(
     ends = []
     for way in (along, -along):
         spot, away = _first_beyond(r, signed_radius.shape, at, border, way)
-        near = (away < _FARTHEST) & ((r[spot] - smooth[:, -1].detach()).abs() < _OF_ONE)
+        near = (away < FARTHEST) & ((r[spot] - smooth[:, -1].detach()).abs() < _OF_ONE)
         ends.append((image.flatten(1).index_select(1, spot).T, away, near))
     (first, to_first, is_first), (second, to_second, is_second) = ends
     both = is_first & is_second
     # of two ends the nearer counts more; of one, the less the farther it is
     share = torch.where(both, to_second / (to_first + to_second), is_first.to(r.dtype))[:, None]
     between = share * first + (1 - share) * second
-    fading = 1 - torch.where(is_first, to_first, to_second) / _FARTHEST
+    fading = 1 - torch.where(is_first, to_first, to_second) / FARTHEST
     weight = torch.where(both, 1.0, torch.where(is_first | is_second, fading, 0.0)) * coherence
     return color + weight[:, None] * (between - color)
 

@@ -80,9 +80,9 @@ def test_more_is_planned_for_a_pair_and_for_more_parts_of_the_aperture() -> None
 
 
 def test_hidden_content_and_edges_are_planned_where_surfaces_overlap() -> None:
-    assert loads()["hidden"] > 0 < loads()["edges"]
+    assert loads()["behind"] > 0 < loads()["edges"]
     _, floor = scenery("floor", *SIZE, 9.0)
-    assert plan(floor).loads["hidden"] == 0 == plan(floor).loads["edges"]
+    assert plan(floor).loads["behind"] == 0 == plan(floor).loads["edges"]
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ from scenes import pattern
 from torch import Tensor
 from torch.autograd import gradcheck
 
-from defocus_core.halving import Axis, axes, farther
+from defocus_core.halving import Axis, axes
 from defocus_core.hidden import hidden_layer
+from defocus_core.sheets import coarser, pixels_of
 from defocus_core.transport import structure, transported
 
 H, W = 96, 112
@@ -20,8 +21,10 @@ FAR, NEAR = 4.0, -7.0
 
 
 def tensor_of(image: Tensor, radius: Tensor, middle: tuple[Axis, Axis] = MIDDLE) -> Tensor:
-    """The structure tensor [3, h, w] of a picture of full resolution."""
-    return structure(*farther([image, radius[None]], radius, middle, 1.0)).values
+    """The structure tensor [3, h, w] at a quarter of the resolution of a picture."""
+    picture = torch.cat([image, radius[None]])
+    quarter = coarser(structure(coarser(pixels_of(picture, radius, middle))))
+    return quarter.first.values[-3:].reshape(3, *quarter.size)
 
 
 def stripes(degrees: float, period: float = 14.0) -> Tensor:
