@@ -23,6 +23,8 @@ from defocus_core.transport import structure
 
 # Edges of radius, in px per pixel, above which one surface hides another.
 _EDGE = 1.0
+# By how much a pixel beside a nearer one counts: it may show a part of that.
+_MIXED = 0.25
 # Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
 DECAY = 0.70710678
 # Rows of a quarter of the resolution, and pixels of the whole one, that are made at once at most;
@@ -155,33 +157,40 @@ def _coarsely(
     middle: tuple[Axis, Axis],
 ) -> tuple[Level, Tensor, int]:
     """A quarter of the resolution, cones of half of it, and the row of the middle in these."""
-    counts = pixels.detach().amax(0) <= limit
+    r = signed_radius.detach()
+    farther = _beside_edges(r)
+    weight = (pixels.detach().amax(0) <= limit).to(r.dtype)
+    weight.flatten()[farther] *= _MIXED
     picture = torch.cat([pixels, signed_radius[None]])
-    half = coarser(
-        pixels_of(picture, signed_radius, middle, None if bool(counts.all()) else counts)
-    )
-    cone = _edges(signed_radius.detach(), grain, middle)
+    half = coarser(pixels_of(picture, signed_radius, middle, weight))
+    cone = _edges(r, farther, grain, middle)
     return coarser(structure(half)), cone, half.middle[0].middle
 
 
-def _edges(r: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
+def _beside_edges(r: Tensor) -> Tensor:
+    """The numbers of the farther pixels at edges of radii [H, W] px."""
+    found = []
+    for dim, stride in ((0, r.shape[1]), (1, 1)):
+        step = r.diff(dim=dim)
+        row, column = torch.nonzero(step.abs() > _EDGE).unbind(1)
+        found.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
+    return torch.cat(found)
+
+
+def _edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
     """The radii of the farther pixels at edges, at half resolution, in units of a grain.
 
     In the upper bits, and again in the lower ones: the greatest cone brings its source along.
 
     Args:
         r: [H, W] px.
+        farther: Numbers of these pixels.
         grain: Px.
         middle: Of the frame.
     """
-    places = []
-    for dim in (0, 1):
-        step = r.diff(dim=dim)
-        row, column = torch.nonzero(step.abs() > _EDGE).unbind(1)
-        farther = (step[row, column] > 0).long()
-        places.append((row + farther * (dim == 0), column + farther * (dim == 1)))
-    row, column = (torch.cat(each) for each in zip(*places, strict=True))
-    radii = (r[row, column].clamp(-_MOST, _MOST) / grain).round().to(torch.int32)
+    radii = (r.flatten()[farther].clamp(-_MOST, _MOST) / grain).round().to(torch.int32)
+    row = farther.div(r.shape[1], rounding_mode="floor")
+    column = farther - row * r.shape[1]
     source = (radii << _BITS) + (radii + (1 << _LEVELS))
     down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
     cone = source.new_full((down.length * across.length,), _NOWHERE)

@@ -65,7 +65,7 @@ def pixels_of(
     values: Tensor,
     signed_radius: Tensor,
     middle: tuple[Axis, Axis],
-    counts: Tensor | None = None,
+    weight: Tensor | None = None,
 ) -> Level:
     """A picture at full resolution.
 
@@ -73,21 +73,17 @@ def pixels_of(
         values: [K, H, W].
         signed_radius: [H, W] px.
         middle: Of the frame.
-        counts: [H, W] bool, which pixels count; None if all do.
+        weight: [H, W] in [0, 1], by how much pixels count; None if all count alike.
     """
     r = signed_radius.detach()
     size = (r.shape[0], r.shape[1])
-    r, values = r.flatten(), values.flatten(1)
-    least = most = r
-    weight = torch.ones_like(r)
-    if counts is not None:
-        counts = counts.flatten()
-        least = torch.where(counts, r, torch.inf)
-        most = torch.where(counts, r, -torch.inf)
-        weight = counts.to(r.dtype)
-        values = values * weight
+    least = most = r = r.flatten()
+    weight = torch.ones_like(r) if weight is None else weight.flatten()
+    held = weight > 0
+    if not bool(held.all()):
+        least, most = torch.where(held, r, torch.inf), torch.where(held, r, -torch.inf)
     none = torch.zeros(0, dtype=torch.long, device=r.device)
-    return Level(size, Sheet(values, weight, least, most), None, None, middle, 0, none)
+    return Level(size, Sheet(values.flatten(1), weight, least, most), None, None, middle, 0, none)
 
 
 def coarser(level: Level) -> Level:
@@ -106,8 +102,9 @@ def coarser(level: Level) -> Level:
         return extended(values.reshape(*values.shape[:-1], H, W), down, across, outside)
 
     weight = sums(cells(first.weight, 0.0), odd)
-    values = first.values * first.weight if overlapping else first.values
-    values = sums(cells(values, 0.0), odd) / torch.where(weight > 0, weight, 1.0)
+    values = sums(cells(first.values * first.weight, 0.0), odd) / torch.where(
+        weight > 0, weight, 1.0
+    )
     most, least = (
         _greatest_of(cells(each, -torch.inf), odd, overlapping).flatten()
         for each in (first.most, -least)

@@ -10,10 +10,10 @@ from defocus_core.halving import axes
 from defocus_core.sheets import Level, coarser, pixels_of, stacked
 
 
-def levels(image: Tensor, radius: Tensor, count: int, counts: Tensor | None = None) -> list[Level]:
+def levels(image: Tensor, radius: Tensor, count: int, weight: Tensor | None = None) -> list[Level]:
     """A picture and its radii, halved some times."""
     size = (radius.shape[0], radius.shape[1])
-    found = [pixels_of(torch.cat([image, radius[None]]), radius, axes(size), counts)]
+    found = [pixels_of(torch.cat([image, radius[None]]), radius, axes(size), weight)]
     for _ in range(count):
         found.append(coarser(found[-1]))
     return found
@@ -70,7 +70,7 @@ def test_pixels_that_do_not_count_leave_no_trace() -> None:
     image, radius = torch.full((1, 16, 16), 0.5, dtype=torch.float64), torch.ones(16, 16) * 2.0
     image[:, 5:9, 3:12], counts = 1e6, torch.ones(16, 16, dtype=torch.bool)
     counts[5:9, 3:12] = False
-    for level in levels(image, radius.double(), 3, counts):
+    for level in levels(image, radius.double(), 3, counts.double()):
         held = level.first.weight > 0
         assert worst(level.first.values[0, held], 0.5) < 1e-12
         assert not held.all() or level.halvings > 1
