@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 
@@ -15,12 +16,30 @@ from defocus_core.slicing import SHARP, evenly, layers, rungs
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey
 from defocus_core.tiling import Box, Grid, grid_over, largest, regions
-from defocus_core.windows import Window, spreads_of, windows
+from defocus_core.windows import Spread, Window, spreads_of, windows
 
 # Brightness over the median beyond which float32 is not enough.
 _RANGE = 1e3
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
 _NEIGHBOURHOOD = 24
+
+
+class FillSlices(NamedTuple):
+    """How the slices of hidden surfaces are blurred.
+
+    Attributes:
+        stride: They are every one (1) or every other (2) of those of the frame.
+        halvings: How many times resolution is halved before anything else.
+        windows: Of all slices of the frame, in cells of this resolution.
+        cells: Cells that each spreads.
+        reaches: Px of the frame that each spreads.
+    """
+
+    stride: int
+    halvings: int
+    windows: list[Window]
+    cells: list[int]
+    reaches: list[int]
 
 
 @dataclass(frozen=True)
@@ -45,7 +64,8 @@ class Frame:
         reaches: Px that each spreads.
         layers: The number of the layer of each.
         windows: Of each.
-        stride: Hidden content uses every slice (1) or every other (2).
+        known: How what is known to be hidden is blurred.
+        invented: How what is invented is.
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
@@ -69,7 +89,8 @@ class Frame:
     reaches: list[int]
     layers: list[int]
     windows: list[Window]
-    stride: int
+    known: FillSlices
+    invented: FillSlices
     edges: bool
     tilted: bool
     margin: int
@@ -84,7 +105,8 @@ class Frame:
     @property
     def farthest(self) -> int:
         """Px that light spreads at most."""
-        return max(self.reaches)
+        reaches: list[int] = [*self.reaches, *(self.invented.reaches if self.edges else ())]
+        return max(reaches)
 
 
 def frame_of(
@@ -119,18 +141,51 @@ def frame_of(
         least, most = _with_hidden(hidden, least, most)
     radii = _slice_radii(least, most, quality, num_layers, psf_ks)
     numbers = layers(radii, quality)
-    spreads = spreads_of(radii, numbers, quality.full_resolution, max(H, W) - 1)
-    reaches = [spread.px for spread in spreads]
     limit = threshold(seen.brightness, seen.brightest)
     dtype = torch.float64 if _needs_double(seen, limit) else dtype
     grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
     edges = max(seen.steepest) > 1
-    margin = _NEIGHBOURHOOD + max(reaches)
+    halvings = 0 if num_layers or not edges else quality.hidden_halvings
+    spreads = _spreads(radii, numbers, quality, (H, W), 0)
+    coarse = _spreads(radii, numbers, quality, (H, W), halvings)
+    reaches, known = [spread.px for spread in spreads], [spread.px for spread in coarse]
+    if halvings:  # a pixel has shares in cells beside it, and is read from two cells on each side
+        most = max(H, W) - 1
+        invented = [min((cells + 3) * (1 << halvings) - 1, most) for cells in known]
+    else:
+        invented = known
+    farthest = max([*reaches, *(invented if edges else ())])
+    margin = _NEIGHBOURHOOD + farthest
     if edges:
         margin += AROUND
     if seen.brightest > limit:
-        margin = max(margin, reached_by(max(reaches)))
+        margin = max(margin, reached_by(farthest))
     margin += margin % 2  # regions are halved
+    within = largest(regions(grid, margin))
+    side = grid.tiles[0].height, grid.tiles[0].width
+
+    def windows_at(halvings: int, spreads: list[Spread]) -> list[Window]:
+        """Windows of all slices after resolution is halved some times."""
+        # pixels are read from two cells on each side, and may begin in the middle of one
+        more = 5 if halvings else 0
+        (tile_h, tile_w), (region_h, region_w) = (
+            ((height >> halvings) + more, (width >> halvings) + more)
+            for height, width in (side, within)
+        )
+        return windows(
+            tuple(r / (1 << halvings) for r in radii),
+            spreads,
+            numbers,
+            (tile_h, tile_w),
+            (region_h, region_w),
+            aperture,
+            cells,
+            dtype,
+            pixels.device,
+        )
+
+    whole = windows_at(0, spreads)
+    stride = 1 if num_layers else quality.hidden_stride
     return Frame(
         size=(H, W),
         grid=grid,
@@ -147,24 +202,30 @@ def frame_of(
         radii=radii,
         reaches=reaches,
         layers=numbers,
-        windows=windows(
-            radii,
-            spreads,
-            numbers,
-            (grid.tiles[0].height, grid.tiles[0].width),
-            largest(regions(grid, margin)),
-            aperture,
-            cells,
-            dtype,
-            pixels.device,
+        windows=whole,
+        known=FillSlices(1, 0, whole, reaches, reaches),
+        invented=FillSlices(
+            stride, halvings, windows_at(halvings, coarse) if halvings else whole, known, invented
         ),
-        stride=1 if num_layers else quality.hidden_stride,
         edges=edges,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
         sharp=None if num_layers else SHARP,
         ends=(seen.least, seen.most),
     )
+
+
+def _spreads(
+    radii: tuple[float, ...],
+    numbers: list[int],
+    quality: Quality,
+    size: tuple[int, int],
+    halvings: int,
+) -> list[Spread]:
+    """How slices are blurred, in cells of a resolution halved some times."""
+    step = 1 << halvings
+    scaled = tuple(r / step for r in radii)
+    return spreads_of(scaled, numbers, quality.full_resolution / step, -(-(max(size) - 1) // step))
 
 
 def _with_hidden(hidden: Behind, least: float, most: float) -> tuple[float, float]:

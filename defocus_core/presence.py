@@ -7,14 +7,18 @@ from collections.abc import Iterator
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.frame import Frame
+from defocus_core.halving import axes, halves
 from defocus_core.hidden import hidden_layer
 from defocus_core.ramps import without_ramps
+from defocus_core.resampling import cells_read
 from defocus_core.slicing import position
 from defocus_core.slopes import slopes
 from defocus_core.source import Pixels
 from defocus_core.tiling import BLOCK, TILE, Box, block_ends, blocks_at, visible_slices
+from defocus_core.windows import Window
 
 # Pixels of a sample at most, of one that shows what is hidden, and of the strips in which all are
 # looked at.
@@ -35,9 +39,19 @@ class Cover:
     Attributes:
         plan: For each tile the rungs of the ladder that reach it.
         layer_of: For each rung the number of the layer that it adds up to.
+        windows: For each rung its window.
+        halvings: How many times resolution is halved before anything else.
     """
 
-    def __init__(self, plan: list[list[int]], blocks: Tensor, stride: int, layer_of: list[int]):
+    def __init__(
+        self,
+        plan: list[list[int]],
+        blocks: Tensor,
+        stride: int,
+        layer_of: list[int],
+        windows: list[Window],
+        halvings: int = 0,
+    ) -> None:
         """Nothing is tilted.
 
         Args:
@@ -45,8 +59,11 @@ class Cover:
             blocks: [K, rows, columns] bool, where every `stride`-th rung is.
             stride: In rungs.
             layer_of: See above.
+            windows: See above.
+            halvings: See above.
         """
         self.plan, self.layer_of = plan, layer_of
+        self.windows, self.halvings = windows, halvings
         self._blocks, self._stride = blocks, stride
         self._found: dict[Box, list[Box | None]] = {}
         self._leaning: Tensor | None = None
@@ -125,21 +142,23 @@ class Presence:
         radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)
         blocks = self._blocks(radius, everywhere, step, 1, (H, W))
-        self.visible = Cover(self._tiles(blocks, 1), blocks.cpu(), 1, frame.layers)
+        plan = self._tiles(blocks, frame.reaches, 1)
+        self.visible = Cover(plan, blocks.cpu(), 1, frame.layers, frame.windows)
         if frame.tilted:  # lengths and radii shrink alike: slopes stay as they are
             lean = slopes(radius / step, frame.quality.least_slope)
             if lean is not None:
                 leaning = self._blocks(radius, lean.any(0), step, 1, (H, W))
                 lowest, highest = block_ends(lean, BLOCK // step)
                 self.visible.lean(leaning.cpu(), lowest.cpu(), highest.cpu())
-        windows = list(dict.fromkeys(map(id, frame.windows)))
-        spans = [windows.index(id(window)) for window in frame.windows]
-        self.hidden = Cover([[] for _ in frame.grid.tiles], blocks[:0], frame.stride, spans)
-        self.behind = 0.0
+        fill = frame.invented
+        numbers = list(dict.fromkeys(map(id, fill.windows)))
+        spans = [numbers.index(id(window)) for window in fill.windows]
+        self.behind, blocks = 0.0, blocks[:0]
+        plan = [[] for _ in frame.grid.tiles]
         if frame.edges:
             blocks = self._behind(signed_radius)
-            plan = self._tiles(blocks, frame.stride)
-            self.hidden = Cover(plan, blocks.cpu(), frame.stride, spans)
+            plan = self._tiles_behind(blocks)
+        self.hidden = Cover(plan, blocks.cpu(), fill.stride, spans, fill.windows, fill.halvings)
 
     def _blocks(
         self, radius: Tensor, some: Tensor, step: int, stride: int, size: tuple[int, int]
@@ -149,10 +168,23 @@ class Presence:
         places = position(radius[some], radii)
         return blocks_at(places, torch.nonzero(some) * step, len(radii), size)
 
-    def _tiles(self, blocks: Tensor, stride: int) -> list[list[int]]:
+    def _tiles(self, blocks: Tensor, reaches: list[int], stride: int) -> list[list[int]]:
         """For each tile the rungs that reach it, numbered as in the whole ladder."""
-        found = visible_slices(blocks, self.frame.reaches[::stride], self.frame.grid.tiles)
+        found = visible_slices(blocks, reaches[::stride], self.frame.grid.tiles)
         return [[k * stride for k in some] for some in found]
+
+    def _tiles_behind(self, blocks: Tensor) -> list[list[int]]:
+        """The same of what is invented, at the resolution at which it is blurred."""
+        fill, fine = self.frame.invented, axes(self.frame.size)
+        if not fill.halvings:
+            return self._tiles(blocks, fill.reaches, fill.stride)
+        wide = pad(blocks, (0, blocks.shape[2] % 2, 0, blocks.shape[1] % 2))
+        wide = wide[:, ::2] | wide[:, 1::2]
+        wide = wide[..., ::2] | wide[..., 1::2]
+        down, across = (halves(n, axis).axis for n, axis in zip(self.frame.size, fine, strict=True))
+        tiles = [cells_read(tile, fine, (down, across), 1) for tile in self.frame.grid.tiles]
+        found = visible_slices(wide, fill.cells[:: fill.stride], tiles)
+        return [[k * fill.stride for k in some] for some in found]
 
     def _behind(self, signed_radius: Pixels) -> Tensor:
         """Blocks [K, rows, columns] in which what is invented has a rung, of those it uses.
@@ -161,7 +193,7 @@ class Presence:
         shows it. Where it would still be too large, bands of tiles are looked at, and those between
         them are taken for alike.
         """
-        (H, W), stride = self.frame.size, self.frame.stride
+        (H, W), stride = self.frame.size, self.frame.invented.stride
         span = self.frame.radii[-1] - self.frame.radii[0]
         step = 1
         while step < BLOCK and step <= span / _WIDE and _SAMPLE * step**2 < H * W:

@@ -15,6 +15,7 @@ class Quality:
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
+        hidden_halvings: How many times the resolution of what is invented is halved.
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
         full_resolution: Radius in px from which on slices are blurred at half resolution, at twice
             that at a quarter, and so on.
@@ -26,6 +27,7 @@ class Quality:
     far_spacing: float
     layer_ratio: float
     hidden_stride: int
+    hidden_halvings: int
     least_slope: float
     full_resolution: float
     parts: int
@@ -37,6 +39,7 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.2,
         layer_ratio=2.0,
         hidden_stride=2,
+        hidden_halvings=1,
         least_slope=0.2,
         full_resolution=14.0,
         parts=1,
@@ -46,6 +49,7 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.12,
         layer_ratio=1.6,
         hidden_stride=2,
+        hidden_halvings=1,
         least_slope=0.1,
         full_resolution=20.0,
         parts=1,
@@ -55,6 +59,7 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.06,
         layer_ratio=4 / 3,
         hidden_stride=1,
+        hidden_halvings=0,
         least_slope=0.05,
         full_resolution=40.0,
         parts=4,
@@ -64,6 +69,7 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.04,
         layer_ratio=1.2,
         hidden_stride=1,
+        hidden_halvings=0,
         least_slope=0.02,
         full_resolution=60.0,
         parts=16,

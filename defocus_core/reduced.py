@@ -16,6 +16,7 @@ from torch import Tensor
 
 from defocus_core.convolution import crop_inverse
 from defocus_core.halving import Axis
+from defocus_core.resampling import cubic_shares, place_of
 from defocus_core.surface import Surface
 from defocus_core.tiling import Box
 from defocus_core.windows import Window
@@ -75,8 +76,9 @@ class Reduced:
             middle: Of the frame, counted likewise.
         """
         self._groups = len(groups)
-        self._middle, self._step = middle, 1 << window.halvings
-        around, reach = self._read_by(core), (window.margin + 3) * self._step
+        self._middle, self._halvings = middle, window.halvings
+        step = 1 << window.halvings
+        around, reach = self._read_by(core), (window.margin + 3) * step
         self._layers: dict[int, _Layer] = {}
         self._shares: dict[tuple[int, int, int, Span], Tensor] = {}
         for number in dict.fromkeys(numbers.values()):
@@ -168,25 +170,16 @@ class Reduced:
         """The shares [pixels, cells] of cells in pixels; tiles in a row have the same."""
         key = (dim, start, length, cells)
         if key not in self._shares:
-            step, first = 1 / self._step, self._place(dim, start) - cells.first
-            pixels = torch.arange(length, dtype=like.dtype, device=like.device)
-            number = torch.arange(cells.end - cells.first, dtype=like.dtype, device=like.device)
-            away = (pixels[:, None] * step + first - number).abs()
-            self._shares[key] = _cubic(away)
+            first = self._place(dim, start) - cells.first
+            self._shares[key] = cubic_shares(
+                first, length, cells.end - cells.first, 0.5**self._halvings, like
+            )
         return self._shares[key]
 
     def _place(self, dim: int, pixel: int) -> float:
         """Where a pixel lies among cells."""
         axis = self._middle[dim]
-        offset = 0.0 if axis.odd else 0.5
-        return (pixel - axis.middle + offset) / self._step - offset
-
-
-def _cubic(away: Tensor) -> Tensor:
-    """The share of a cell that is so many cells away: the cubic of Keys 1981 with a = -1/2."""
-    near = (1.5 * away - 2.5) * away * away + 1
-    far = ((2.5 - 0.5 * away) * away - 4) * away + 2
-    return torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
+        return place_of(pixel, axis, axis._replace(middle=0), self._halvings)
 
 
 def _sum(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:

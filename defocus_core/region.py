@@ -12,8 +12,9 @@ from torch import Tensor
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import share_in_frame
-from defocus_core.compositing import add_behind, is_full, pair_of, picture, summed
-from defocus_core.frame import Frame
+from defocus_core.compositing import add_behind, is_full, pair_of, picture
+from defocus_core.filling import Filling
+from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes
 from defocus_core.hidden import STEP, Behind, HiddenLayer, hidden_layer
 from defocus_core.highlights import draw, split
@@ -52,6 +53,7 @@ class Region:
         core = grid.box
         outer = core.grown(frame.margin, frame.box)
         inner = core.grown(frame.farthest, frame.box)
+        self._grid, self._inner = grid, inner
         self._inside = inner.seen_from(outer)
         self._blur = Blur(
             frame.windows,
@@ -60,8 +62,6 @@ class Region:
             frame.groups,
             axes(frame.size, inner.top, inner.left),
         )
-        spans = list(dict.fromkeys(map(id, frame.windows)))
-        self._spans = [spans.index(id(window)) for window in frame.windows]
 
         pixels, signed_radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (pixels, signed_radius)
@@ -72,18 +72,20 @@ class Region:
         self._visible = self._in_front(own, signed_radius)
         # nothing is invented where something is known
         self._culled: set[tuple[int, int]] = set()
-        self._known: Sliced | None = None
-        self._invented: Sliced | None = None
+        self._known: Filling | None = None
+        self._invented: Filling | None = None
         if beyond is not None:
             hidden = hidden_layer(own.color, signed_radius, beyond, outer, self._inside)
             if hidden is not None:
-                invented = hidden.mask
+                mask = hidden.mask
                 if behind is not None:
                     known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
                     farther = hidden.signed_radius > known.signed_radius + STEP
-                    invented = hidden.mask & (~known.mask | farther)
-                    self._known = self._behind(known._replace(mask=hidden.mask & known.mask), 1)
-                self._invented = self._behind(hidden._replace(mask=invented), frame.stride)
+                    mask = hidden.mask & (~known.mask | farther)
+                    known = known._replace(mask=hidden.mask & known.mask)
+                    self._known = self._filling(known, frame.known)
+                hidden = hidden._replace(mask=mask)
+                self._invented = self._filling(hidden, frame.invented)
         self._highlights = None
         if highlights:
             lit = draw(
@@ -117,21 +119,11 @@ class Region:
         )
         return self._blur.sliced(samples, 1, frame.layers)
 
-    def _behind(self, hidden: HiddenLayer, stride: int) -> Sliced | None:
+    def _filling(self, hidden: HiddenLayer, slices: FillSlices) -> Filling | None:
         """A layer behind the visible one, None if it has no pixels."""
-        color, radius, mask = hidden
-        index = torch.nonzero(mask.flatten())[:, 0]
-        if not len(index):
+        if not bool(hidden.mask.any()):
             return None
-        coverage = mask[None].to(color.dtype)
-        layer = torch.cat([color * coverage, coverage])
-        found = position(radius.flatten().index_select(0, index), self._frame.radii[::stride])
-        places = (
-            torch.zeros_like(radius).flatten().index_copy(0, index, found).reshape(radius.shape)
-        )
-        nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
-        samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
-        return self._blur.sliced(samples, stride, self._spans)
+        return Filling(self._frame, self._grid, self._inner, hidden, slices)
 
     def tile(self, index: int) -> tuple[Tensor, Tensor]:
         """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
@@ -189,19 +181,19 @@ class Region:
         return found
 
     def _filled(
-        self, seen: list[Tensor], behind: Sliced, index: int, full: list[Tensor | float]
+        self, seen: list[Tensor], behind: Filling, index: int, full: list[Tensor | float]
     ) -> list[Tensor]:
         """The same with what is hidden; where nothing is left to fill, this is not computed."""
-        if not behind.surface.plan[index]:
+        if not behind.plan[index]:
             return seen
         left = [not is_full(some, most) for some, most in zip(seen, full, strict=True)]
         if not any(left):
             self._culled.add((id(behind), index))
             return seen
-        layers = self._blur.over_tile(behind, index)
+        found = behind.over_tile(index)
         return [
-            add_behind(some, summed(found.values()), most) if found and wanted else some
-            for some, found, most, wanted in zip(seen, layers, full, left, strict=True)
+            some if layer is None or not wanted else add_behind(some, layer, most)
+            for some, layer, most, wanted in zip(seen, found, full, left, strict=True)
         ]
 
     def _lit(self, seen: list[Tensor], index: int) -> list[Tensor]:
@@ -225,35 +217,35 @@ class Region:
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""
-        windows, tiles = self._frame.windows, len(self._tiles)
-        sliced = [s for s in (self._visible, self._known, self._invented) if s]
-        work = [
-            windows[rung * some.stride]
-            for some in sliced
-            for index, rungs in enumerate(some.surface.plan)
-            for rung in rungs
+        tiles, hidden = len(self._tiles), [some for some in (self._known, self._invented) if some]
+        visible = self._visible.surface.plan
+        planned = [[self._frame.windows[rung] for rung in rungs] for rungs in visible]
+        behind = [
+            [(some.windows[rung], some.halvings) for rung in rungs]
+            for some in hidden
+            for index, rungs in enumerate(some.plan)
             if (id(some), index) not in self._culled
         ]
-        planned = sum(len(rungs) for some in sliced for rungs in some.surface.plan)
-        invented = self._invented.surface.plan if self._invented else []
+        work = [(window, window.halvings) for windows in planned for window in windows]
+        work += [(window, more + window.halvings) for some in behind for window, more in some]
+        culled = sum(len(some.plan[i]) for some in hidden for i in range(tiles))
+        culled -= sum(map(len, behind))
         copied = [
             tile.height * tile.width
             for i, tile in enumerate(self._tiles)
-            if not any(
-                windows[rung * some.stride].margin
-                for some in sliced
-                for rung in some.surface.plan[i]
-            )
+            if not any(window.margin for window in planned[i])
+            and not any(some.windows[rung].margin for some in hidden for rung in some.plan[i])
         ]
+        invented = self._invented.plan if self._invented else []
         return {
             "pixels": sum(tile.height * tile.width for tile in self._tiles),
             "pixels_copied": sum(copied),
             "tiles": tiles,
-            "slice_tiles": 2 * len(windows) * tiles,
+            "slice_tiles": 2 * len(self._frame.windows) * tiles,
             "slice_tiles_done": len(work),
-            "slice_tiles_blurred": sum(1 for window in work if window.margin),
-            "slice_tiles_reduced": sum(1 for window in work if window.halvings),
-            "slice_tiles_culled": planned - len(work),
+            "slice_tiles_blurred": sum(1 for window, _ in work if window.margin),
+            "slice_tiles_reduced": sum(1 for _, halvings in work if halvings),
+            "slice_tiles_culled": culled,
             "tiles_culled": len({index for _, index in self._culled}),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }

@@ -53,12 +53,13 @@ class Workload:
 
     def _add_tile(self, surface: Cover, tile: Box, rungs: list[int]) -> None:
         loads, area = self.of_tiles, tile.height * tile.width
-        for window, some in _by_window(self._frame.windows, rungs):
+        for window, some in _by_window(surface.windows, rungs):
             layers = len({surface.layer_of[k] for k in some})
             loads["calls"] += layers
             loads["composited"] += layers * area * self._parts
-            if window.halvings:
+            if window.halvings or surface.halvings:
                 self.read += len(some)
+            if window.halvings:
                 continue
             loads["calls"] += 1 + len(some)
             if not window.margin:  # copied
@@ -75,10 +76,10 @@ class Workload:
         present = sorted({k for rungs in plans for k in rungs})
         core = grid.box
         inner = core.grown(frame.farthest, frame.box)
-        for window, some in _by_window(frame.windows, present):
+        for window, some in _by_window(surface.windows, present):
             if not window.halvings:
                 continue
-            step, margin = 1 << window.halvings, window.margin
+            step, margin = 1 << window.halvings + surface.halvings, window.margin
             around = [_grown(span, 1) for span in _cells(core, step, frame.size)]
             for number in dict.fromkeys(surface.layer_of[k] for k in some):
                 rungs = [k for k in some if surface.layer_of[k] == number]
@@ -108,7 +109,8 @@ class Workload:
                 terms = len(rungs) + 2 * len(tilted)
                 loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1
                 share = terms / len(rungs)
-                loads["averaged"] += share * sum(box.height * box.width for box in boxes)
+                samples = sum(box.height * box.width for box in boxes)
+                loads["averaged"] += share * samples / 4**surface.halvings
                 self._transformed(loads, size, terms, len(planar), 1)
                 held += (seen[0][1] - seen[0][0]) * (seen[1][1] - seen[1][0]) * self._parts
         return held

@@ -1,0 +1,104 @@
+"""A hidden surface, which fills what visible ones leave: blurred and summed, tile by tile.
+
+Its slices do not occlude each other, for all of them are behind the same. What was invented is no
+sharper than what it was continued from: half of the resolution will do for it.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from defocus_core.blur import Blur, Sliced
+from defocus_core.compositing import summed
+from defocus_core.frame import FillSlices, Frame
+from defocus_core.halving import averaged, axes
+from defocus_core.hidden import HiddenLayer
+from defocus_core.resampling import cells_read, cubic_shares, place_of
+from defocus_core.slicing import position
+from defocus_core.surface import Samples
+from defocus_core.tiling import Box, Grid
+from defocus_core.windows import Window
+
+# The least coverage of a cell that is told from none.
+_LEAST = 1e-9
+# At half of the resolution edges are soft: what is left is filled by up to this times its coverage.
+_FILLS = 2.0
+
+
+class Filling:
+    """A hidden surface over the tiles of a region.
+
+    Attributes:
+        plan: For each tile the rungs that reach it, nearest first.
+        windows: Of each rung.
+        halvings: How many times resolution is halved.
+    """
+
+    def __init__(
+        self, frame: Frame, grid: Grid, inner: Box, hidden: HiddenLayer, slices: FillSlices
+    ) -> None:
+        """Prepare a surface that has pixels.
+
+        Args:
+            frame: It is part of.
+            grid: The tiles.
+            inner: Where in the frame the surface is known.
+            hidden: The surface.
+            slices: How it is blurred, at full or at half of the resolution.
+        """
+        middle = axes(frame.size, inner.top, inner.left)
+        self.halvings, self._fine = slices.halvings, middle
+        color, radius, mask = hidden
+        weight = mask[None].to(color.dtype)
+        layer = torch.cat([color * weight, weight])
+        if slices.halvings:
+            means, middle = averaged(
+                torch.cat([layer, radius * weight])[None], slices.halvings, middle
+            )
+            layer, radius = means[0, :-1], means[0, -1] / means[0, -2].clamp(min=_LEAST)
+        index = torch.nonzero(layer[-1].detach().flatten() > 0)[:, 0]
+        found = position(radius.flatten().index_select(0, index), frame.radii[:: slices.stride])
+        places = torch.zeros_like(radius).flatten().index_copy(0, index, found)
+        places = places.reshape(radius.shape)
+        nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
+        samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
+        self._coarse = middle
+        self._tiles = grid.seen_from(inner)
+        tiles = self._tiles
+        if slices.halvings:
+            read = [cells_read(tile, self._fine, middle, slices.halvings) for tile in tiles.tiles]
+            tiles = tiles._replace(tiles=read)
+        self._cells_of = tiles.tiles
+        self._blur = Blur(slices.windows, slices.cells, tiles, frame.groups, middle)
+        spans = list(dict.fromkeys(map(id, slices.windows)))
+        numbers = [spans.index(id(window)) for window in slices.windows]
+        self._sliced: Sliced = self._blur.sliced(samples, slices.stride, numbers)
+        self.plan = self._sliced.surface.plan
+        self.windows: list[Window] = slices.windows[:: slices.stride]
+        self._shares: dict[tuple[float, int, int], Tensor] = {}
+
+    def over_tile(self, index: int) -> list[Tensor | None]:
+        """What of it each group of m parts sees over a tile, [m, C + 1, h, w]; None if nothing."""
+        found = [
+            summed(layers.values()) if layers else None
+            for layers in self._blur.over_tile(self._sliced, index)
+        ]
+        if not self.halvings:
+            return found
+        tile, cells = self._tiles.tiles[index], self._cells_of[index]
+        result: list[Tensor | None] = []
+        for some in found:
+            if some is not None:
+                rows, columns = (self._between(d, tile, cells, some) for d in (0, 1))
+                some = rows * _FILLS @ some @ columns.mT
+            result.append(some)
+        return result
+
+    def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Tensor:
+        """The shares [pixels, cells] of cells in the pixels of a tile."""
+        first = place_of(tile[dim], self._fine[dim], self._coarse[dim], self.halvings) - cells[dim]
+        key = (first, tile[dim + 2], cells[dim + 2])
+        if key not in self._shares:
+            self._shares[key] = cubic_shares(*key, 0.5**self.halvings, like)
+        return self._shares[key]

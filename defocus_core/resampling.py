@@ -1,0 +1,52 @@
+"""Pictures at reduced resolution, read in between: cubics (Keys 1981)."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from defocus_core.halving import Axis
+from defocus_core.tiling import Box
+
+
+def cubic_shares(first: float, pixels: int, cells: int, step: float, like: Tensor) -> Tensor:
+    """The shares [pixels, cells] of cells in pixels.
+
+    Args:
+        first: Where the first pixel lies, counted in cells from the first of these.
+        pixels: How many there are.
+        cells: The same.
+        step: Cells from one pixel to the next.
+        like: Of the dtype and device of the result.
+    """
+    place = torch.arange(pixels, dtype=like.dtype, device=like.device) * step + first
+    number = torch.arange(cells, dtype=like.dtype, device=like.device)
+    away = (place[:, None] - number).abs()
+    # the cubic with a = -1/2
+    near = (1.5 * away - 2.5) * away * away + 1
+    far = ((2.5 - 0.5 * away) * away - 4) * away + 2
+    return torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
+
+
+def place_of(pixel: int, fine: Axis, coarse: Axis, halvings: int) -> float:
+    """Where a pixel lies among cells.
+
+    Args:
+        pixel: Its row or column.
+        fine: Where the middle of the frame is among pixels.
+        coarse: Where it is among cells.
+        halvings: How many times resolution is halved.
+    """
+    offset = 0.0 if fine.odd else 0.5
+    return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << halvings)
+
+
+def cells_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int) -> Box:
+    """The cells from which the pixels of a rectangle are read: two on each side of each."""
+    first, end = [], []
+    for d, axes in enumerate(zip(fine, coarse, strict=True)):
+        first.append(math.floor(place_of(box[d], *axes, halvings)) - 1)
+        end.append(math.floor(place_of(box[d] + box[d + 2] - 1, *axes, halvings)) + 3)
+    return Box(first[0], first[1], end[0] - first[0], end[1] - first[1])
