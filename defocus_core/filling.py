@@ -50,13 +50,12 @@ class Filling:
         middle = axes(frame.size, inner.top, inner.left)
         self.halvings, self._fine = slices.halvings, middle
         color, radius, mask = hidden
-        weight = mask[None].to(color.dtype)
-        layer = torch.cat([color * weight, weight])
+        coverage = mask[None].to(color.dtype)
+        layer = torch.cat([color * coverage, coverage])
         if slices.halvings:
-            means, middle = averaged(
-                torch.cat([layer, radius * weight])[None], slices.halvings, middle
-            )
-            layer, radius = means[0, :-1], means[0, -1] / means[0, -2].clamp(min=_LEAST)
+            (layer,), middle = averaged(layer[None], slices.halvings, self._fine)
+            ((radius,),), _ = averaged((radius * coverage)[None], slices.halvings, self._fine)
+            radius = radius / layer[-1].clamp(min=_LEAST)
         index = torch.nonzero(layer[-1].detach().flatten() > 0)[:, 0]
         found = position(radius.flatten().index_select(0, index), frame.radii[:: slices.stride])
         places = torch.zeros_like(radius).flatten().index_copy(0, index, found)

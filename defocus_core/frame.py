@@ -155,6 +155,7 @@ def frame_of(
     else:
         invented = known
     farthest = max([*reaches, *(invented if edges else ())])
+    farthest += farthest % 2
     margin = _NEIGHBOURHOOD + farthest
     if edges:
         margin += AROUND

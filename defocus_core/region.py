@@ -52,7 +52,7 @@ class Region:
         self._tiles = grid.tiles
         core = grid.box
         outer = core.grown(frame.margin, frame.box)
-        inner = core.grown(frame.farthest, frame.box)
+        inner = core.grown(frame.farthest + frame.farthest % 2, frame.box)  # it may be halved
         self._grid, self._inner = grid, inner
         self._inside = inner.seen_from(outer)
         self._blur = Blur(
@@ -110,7 +110,7 @@ class Region:
         at = fringe.at - fringe.at.new_tensor([inside.top, inside.left])
         here = (at >= 0).all(1) & (at[:, 0] < inside.height) & (at[:, 1] < inside.width)
         samples = Samples(
-            inside.of(torch.cat([own.color * own.coverage, own.coverage])),
+            torch.cat([inside.of(own.color) * inside.of(own.coverage), inside.of(own.coverage)]),
             position(inside.of(signed_radius), frame.radii),
             at[here],
             fringe.layer[here],

@@ -50,6 +50,7 @@ class Level(NamedTuple):
         middle: Where the middle of the frame is in it.
         halvings: How many times resolution is halved.
         edges: Numbers of the cells that hold an edge, of depth or of what counts.
+        whole: Whether every cell counts wholly.
     """
 
     size: tuple[int, int]
@@ -59,6 +60,7 @@ class Level(NamedTuple):
     middle: tuple[Axis, Axis]
     halvings: int
     edges: Tensor
+    whole: bool = False
 
 
 def pixels_of(
@@ -78,12 +80,14 @@ def pixels_of(
     r = signed_radius.detach()
     size = (r.shape[0], r.shape[1])
     least = most = r = r.flatten()
+    whole = weight is None
     weight = torch.ones_like(r) if weight is None else weight.flatten()
     held = weight > 0
-    if not bool(held.all()):
+    if not whole and not bool(held.all()):
         least, most = torch.where(held, r, torch.inf), torch.where(held, r, -torch.inf)
     none = torch.zeros(0, dtype=torch.long, device=r.device)
-    return Level(size, Sheet(values.flatten(1), weight, least, most), None, None, middle, 0, none)
+    first = Sheet(values.flatten(1), weight, least, most)
+    return Level(size, first, None, None, middle, 0, none, whole)
 
 
 def coarser(level: Level) -> Level:
@@ -102,9 +106,8 @@ def coarser(level: Level) -> Level:
         return extended(values.reshape(*values.shape[:-1], H, W), down, across, outside)
 
     weight = sums(cells(first.weight, 0.0), odd)
-    values = sums(cells(first.values * first.weight, 0.0), odd) / torch.where(
-        weight > 0, weight, 1.0
-    )
+    values = first.values if level.whole else first.values * first.weight
+    values = sums(cells(values, 0.0), odd) / torch.where(weight > 0, weight, 1.0)
     most, least = (
         _greatest_of(cells(each, -torch.inf), odd, overlapping).flatten()
         for each in (first.most, -least)
