@@ -57,25 +57,37 @@ class Backdrop(NamedTuple):
     grain: float
     fine: tuple[Axis, Axis]
 
-    def revealed(self, box: Box) -> tuple[Tensor, Tensor]:
-        """What the aperture may show at each pixel: the farthest radius, and that of its source.
+    def revealed(
+        self, cells: Box, middle: tuple[Axis, Axis], halvings: int
+    ) -> tuple[Tensor, Tensor]:
+        """What the aperture may show in each cell: the farthest radius, and that of its source.
 
         A far pixel beside an edge shows until its radius, less the distance, falls to the near
         one's: the greatest of r_far - |q - far| over all of them (a dilation by a cone).
+
+        Args:
+            cells: Of the frame at full (0) or half (1) of its resolution, from some corner.
+            middle: Where the middle of the frame is from there.
+            halvings: 0 or 1.
 
         Returns:
             Both [height, width] px: the greatest such difference, below all radii where there is
             none, and its r_far.
         """
-        odd = (self.fine[0].odd, self.fine[1].odd)
-        cone = self.cone
-        cuts = []
-        for d, (start, length) in enumerate(((box.top, box.height), (box.left, box.width))):
-            start += self.fine[d].middle % 2
-            first, last = start // 2, (start + length - 1 + odd[d]) // 2
+        cone, cuts = self.cone, []
+        for d, axis in enumerate(middle):
+            fine, start, length = self.fine[d].middle, cells[d] - axis.middle, cells[d + 2]
+            # the middle is an even number of pixels after the beginning of the first cell
+            origin = (fine + fine % 2) // 2
+            if halvings:
+                first, last = start + origin, start + origin + length - 1
+            else:
+                start += 2 * origin
+                first, last = start // 2, (start + length - 1 + axis.odd) // 2
+                cuts.append(slice(start - 2 * first, start - 2 * first + length))
             cone = cone.narrow(d, first, last + 1 - first)
-            cuts.append(slice(start - 2 * first, start - 2 * first + length))
-        cone = spread_out(cone, odd)[cuts[0], cuts[1]]
+        if not halvings:
+            cone = spread_out(cone, (middle[0].odd, middle[1].odd))[cuts[0], cuts[1]]
         source = (cone & ((1 << _BITS) - 1)) - (1 << _LEVELS)
         # two pixels of neighbouring cells may be a px apart, and not two
         shown = torch.minimum((cone >> _BITS) + math.floor(DECAY / self.grain), source)

@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.blur import Blur, Sliced
 from defocus_core.compositing import summed
 from defocus_core.frame import FillSlices, Frame
-from defocus_core.halving import averaged, axes
+from defocus_core.halving import axes, halves
 from defocus_core.hidden import HiddenLayer
 from defocus_core.resampling import cells_read, cubic_shares, place_of
 from defocus_core.slicing import position
@@ -20,8 +20,6 @@ from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
 from defocus_core.windows import Window
 
-# The least coverage of a cell that is told from none.
-_LEAST = 1e-9
 # At half of the resolution edges are soft: what is left is filled by up to this times its coverage.
 _FILLS = 2.0
 
@@ -44,32 +42,30 @@ class Filling:
             frame: It is part of.
             grid: The tiles.
             inner: Where in the frame the surface is known.
-            hidden: The surface.
+            hidden: The surface, at the resolution at which it is blurred.
             slices: How it is blurred, at full or at half of the resolution.
         """
-        middle = axes(frame.size, inner.top, inner.left)
-        self.halvings, self._fine = slices.halvings, middle
+        self.halvings, self._fine = slices.halvings, axes(frame.size, inner.top, inner.left)
+        self._coarse = self._fine
+        if slices.halvings:
+            down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
+            self._coarse = (down.axis, across.axis)
         color, radius, mask = hidden
         coverage = mask[None].to(color.dtype)
         layer = torch.cat([color * coverage, coverage])
-        if slices.halvings:
-            (layer,), middle = averaged(layer[None], slices.halvings, self._fine)
-            ((radius,),), _ = averaged((radius * coverage)[None], slices.halvings, self._fine)
-            radius = radius / layer[-1].clamp(min=_LEAST)
         index = torch.nonzero(layer[-1].detach().flatten() > 0)[:, 0]
         found = position(radius.flatten().index_select(0, index), frame.radii[:: slices.stride])
         places = torch.zeros_like(radius).flatten().index_copy(0, index, found)
         places = places.reshape(radius.shape)
         nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
         samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
-        self._coarse = middle
         self._tiles = grid.seen_from(inner)
         tiles = self._tiles
         if slices.halvings:
-            read = [cells_read(tile, self._fine, middle, slices.halvings) for tile in tiles.tiles]
+            read = [cells_read(tile, self._fine, self._coarse, 1) for tile in tiles.tiles]
             tiles = tiles._replace(tiles=read)
         self._cells_of = tiles.tiles
-        self._blur = Blur(slices.windows, slices.cells, tiles, frame.groups, middle)
+        self._blur = Blur(slices.windows, slices.cells, tiles, frame.groups, self._coarse)
         spans = list(dict.fromkeys(map(id, slices.windows)))
         numbers = [spans.index(id(window)) for window in slices.windows]
         self._sliced: Sliced = self._blur.sliced(samples, slices.stride, numbers)

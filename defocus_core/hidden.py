@@ -21,6 +21,7 @@ from defocus_core.sheets import Level, coarser, pixels_of
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 from defocus_core.transport import FARTHEST, transported
+from defocus_core.view import View, half_view, whole_view
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
@@ -77,6 +78,8 @@ def hidden_layer(
     beyond: Backdrop | None = None,
     box: Box | None = None,
     wanted: Box | None = None,
+    *,
+    halvings: int = 0,
 ) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
@@ -86,6 +89,7 @@ def hidden_layer(
         beyond: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
         wanted: Where in it the layer matters; None if everywhere.
+        halvings: How many times the resolution of the layer is halved, at most once.
 
     Returns:
         What is in `wanted`; None if nothing is hidden there.
@@ -94,92 +98,93 @@ def hidden_layer(
     beyond = beyond or backdrop(image, signed_radius)
     box = box or Box(0, 0, H, W)
     wanted = wanted or Box(0, 0, H, W)
-    r = signed_radius.detach()
-    around = wanted.grown(_WIDEST, Box(0, 0, H, W))  # cells are seen whole
-    inside = around.of(r)
-    shown, source = beyond.revealed(
-        Box(box.top + around.top, box.left + around.left, around.height, around.width)
+    middle = (
+        beyond.fine[0]._replace(middle=beyond.fine[0].middle - box.top),
+        beyond.fine[1]._replace(middle=beyond.fine[1].middle - box.left),
     )
-    behind = shown > inside + STEP
+    view = whole_view(image, signed_radius, middle)
+    half = coarser(pixels_of(view.picture, signed_radius, middle))
+    if halvings:
+        view = half_view(half, middle)
+    h, w = view.near.shape
+    wanted = view.cells(wanted)
+    around = wanted.grown(_WIDEST >> halvings, Box(0, 0, h, w))  # what is put together, is whole
+    near = around.of(view.near)
+    shown, source = beyond.revealed(around, view.middle, halvings)
+    behind = shown > near + STEP
     index = torch.nonzero(behind.flatten())[:, 0]
     if not len(index):
         return None
     y = index.div(around.width, rounding_mode="floor")
     at = torch.stack([y + around.top, index - y * around.width + around.left], 1)
-    near, far, cone = (x.flatten().index_select(0, index) for x in (inside, source, shown))
-    border = _border(near, far, cone)
-    middle = (
-        beyond.fine[0]._replace(middle=beyond.fine[0].middle - box.top),
-        beyond.fine[1]._replace(middle=beyond.fine[1].middle - box.left),
-    )
-    half = coarser(pixels_of(torch.cat([image, signed_radius[None]]), signed_radius, middle))
-    found, exists = (
-        near.new_zeros(len(at), len(image) + 1),
-        torch.zeros_like(near, dtype=torch.bool),
-    )
-    spent = far - cone
+    of_near, far, cone = (x.flatten().index_select(0, index) for x in (near, source, shown))
+    border, spent = _border(of_near, far, cone), far - cone
+    found = of_near.new_zeros(len(at), len(view.picture))
+    exists = torch.zeros_like(of_near, dtype=torch.bool)
     for some, side in ((spent <= _CLOSE, 2), (spent > _CLOSE, 4)):
         some = torch.nonzero(some)[:, 0]
         if not len(some):
             continue
         place, limit = (x.index_select(0, some) for x in (at, border))
-        cells = _cells(place + place.new_tensor(box[:2]), limit, beyond.fine, side)
-        result, tensor, weight = _seen_coarsely(beyond, cells)
+        groups = _grouped(place, limit, view.middle, side >> halvings)
+        result, tensor, weight = _seen_coarsely(beyond, groups, view, box)
         if side == 2:
-            result, weight = _with_what_is_next(result, weight, half, place, limit, middle)
+            result, weight = _with_what_is_next(result, weight, half, view, place, limit)
         result = (result / torch.where(weight > 0, weight, 1.0)).T
         lines = torch.nonzero(spent.index_select(0, some) <= _LINES)[:, 0]
         if len(lines):
             spot, beyond_it, smooth = (x.index_select(0, lines) for x in (place, limit, result))
             way = tensor.index_select(1, lines).T
-            colors = transported(image, signed_radius, spot, beyond_it, smooth, way)
+            colors = transported(view.picture, spot, beyond_it, smooth, way, halvings)
             result = result.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
         found = found.index_copy(0, some, result)
         exists[some] = weight > 0
     if not bool(exists.all()):
         some = torch.nonzero(exists)[:, 0]
         index, found = index.index_select(0, some), found.index_select(0, some)
-    color = torch.zeros_like(around.of(image)).flatten(1).index_copy(1, index, found[:, :-1].T)
-    radius = around.of(signed_radius).flatten().index_copy(0, index, found[:, -1])
-    radius = radius.reshape(inside.shape)
-    mask = behind & (radius.detach() > inside + STEP)
+    blank = view.picture.new_zeros(len(image), near.numel())
+    color = blank.index_copy(1, index, found[:, :-1].T).reshape(-1, *near.shape)
+    radius = near.flatten().index_copy(0, index, found[:, -1]).reshape(near.shape)
+    mask = behind & (radius.detach() > near + STEP)
     inner = wanted.seen_from(around)
-    return HiddenLayer(*map(inner.of, (color.reshape(-1, *inside.shape), radius, mask)))
+    return HiddenLayer(*map(inner.of, (color, radius, mask)))
 
 
-def _seen_coarsely(beyond: Backdrop, cells: _Cells) -> tuple[Tensor, Tensor, Tensor]:
-    """Colour and radius of pixels [C + 1, n] times their weight, structure tensors, and weights."""
-    values, weight = continued(beyond.levels, cells.at, cells.border, beyond.fine)
+def _seen_coarsely(
+    beyond: Backdrop, groups: _Groups, view: View, box: Box
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Colour and radius of cells [C + 1, n] times their weight, structure tensors, and weights."""
+    at = view.pixels(groups.at) + groups.at.new_tensor(box[:2])
+    values, weight = continued(beyond.levels, at, groups.border, beyond.fine)
     several = beyond.levels[:_DIRECTIONS]
-    tensor = sum(nearby(level, cells.at, cells.border, beyond.fine)[0][-3:] for level in several)
+    tensor = sum(nearby(level, at, groups.border, beyond.fine)[0][-3:] for level in several)
     assert isinstance(tensor, Tensor)
-    result, tensor, weight = (x.index_select(-1, cells.of) for x in (values[:-3], tensor, weight))
+    found = (values[:-3], tensor, weight)
+    result, tensor, weight = (x.index_select(-1, groups.of) for x in found)
     return result, tensor, weight
 
 
 def _with_what_is_next(
-    values: Tensor,
-    weight: Tensor,
-    half: Level,
-    at: Tensor,
-    border: Tensor,
-    middle: tuple[Axis, Axis],
+    values: Tensor, weight: Tensor, half: Level, view: View, at: Tensor, border: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """The same with what lies next to pixels, at half of the resolution, first."""
-    found, share = nearby(half, at, border, middle)
+    """The same with what lies next to the pixels of cells, at half of the resolution, first."""
+    offsets = (-0.25, 0.25) if view.halvings else (0.0,)
+    spots = [at + border.new_tensor([y, x]) for y in offsets for x in offsets]
+    parts = [nearby(half, view.pixels(spot), border, view.fine) for spot in spots]
+    found, share = (sum(each) / len(parts) for each in zip(*parts, strict=True))
     most = (share * _NEXT).clamp(max=1)
     left = 1 - most
     found = found * (most / torch.where(share > 0, share, 1.0))
     return torch.addcmul(found, values, left), torch.addcmul(most, weight, left)
 
 
-class _Cells(NamedTuple):
-    """Pixels put together where what is seen coarsely is the same for them.
+class _Groups(NamedTuple):
+    """Cells put together where what is seen coarsely is the same for them.
 
     Attributes:
         at: [m, 2] rows and columns of their middles.
         border: [m] px, the farthest.
-        of: [n] which of them each pixel belongs to.
+        of: [n] to which of them each cell belongs.
     """
 
     at: Tensor
@@ -187,15 +192,17 @@ class _Cells(NamedTuple):
     of: Tensor
 
 
-def _cells(at: Tensor, border: Tensor, middle: tuple[Axis, Axis], side: int) -> _Cells:
-    """Square cells, symmetric about the middle of the frame.
+def _grouped(at: Tensor, border: Tensor, middle: tuple[Axis, Axis], side: int) -> _Groups:
+    """Squares of cells, symmetric about the middle of the frame.
 
     Args:
         at: [n, 2] rows and columns.
         border: [n] px.
         middle: Of the frame.
-        side: Px, even.
+        side: Cells on a side, an even number or 1.
     """
+    if side == 1:
+        return _Groups(at, border, torch.arange(len(at), device=at.device))
     numbers, firsts, counts = [], [], []
     for d, axis in enumerate(middle):
         offset = at[:, d] - axis.middle
@@ -219,7 +226,7 @@ def _cells(at: Tensor, border: Tensor, middle: tuple[Axis, Axis], side: int) -> 
         (number + first) * side + axis.middle + (0.0 if axis.odd else (side - 1) / 2)
         for number, first, axis in zip((row, cell - row * counts[1]), firsts, middle, strict=True)
     ]
-    return _Cells(torch.stack(places, 1), farthest, of)
+    return _Groups(torch.stack(places, 1), farthest, of)
 
 
 def _border(near: Tensor, far: Tensor, shown: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ from defocus_core.borders import share_in_frame
 from defocus_core.compositing import add_behind, is_full, pair_of, picture
 from defocus_core.filling import Filling
 from defocus_core.frame import FillSlices, Frame
-from defocus_core.halving import axes
+from defocus_core.halving import Axis, axes
 from defocus_core.hidden import STEP, Behind, HiddenLayer, hidden_layer
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import Unmixed, unmixed, whole
@@ -24,6 +24,7 @@ from defocus_core.slopes import AROUND, slopes
 from defocus_core.source import Pixels
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
+from defocus_core.view import in_cells, in_pixels
 
 
 class Region:
@@ -75,16 +76,19 @@ class Region:
         self._known: Filling | None = None
         self._invented: Filling | None = None
         if beyond is not None:
-            hidden = hidden_layer(own.color, signed_radius, beyond, outer, self._inside)
+            hidden = hidden_layer(
+                own.color,
+                signed_radius,
+                beyond,
+                outer,
+                self._inside,
+                halvings=frame.invented.halvings,
+            )
+            if hidden is not None and behind is not None:
+                known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
+                known, hidden = _told_apart(known, hidden, axes(frame.size, inner.top, inner.left))
+                self._known = self._filling(known, frame.known)
             if hidden is not None:
-                mask = hidden.mask
-                if behind is not None:
-                    known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
-                    farther = hidden.signed_radius > known.signed_radius + STEP
-                    mask = hidden.mask & (~known.mask | farther)
-                    known = known._replace(mask=hidden.mask & known.mask)
-                    self._known = self._filling(known, frame.known)
-                hidden = hidden._replace(mask=mask)
                 self._invented = self._filling(hidden, frame.invented)
         self._highlights = None
         if highlights:
@@ -249,3 +253,26 @@ class Region:
             "tiles_culled": len({index for _, index in self._culled}),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }
+
+
+def _told_apart(
+    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
+) -> tuple[HiddenLayer, HiddenLayer]:
+    """What of a known layer is hidden, and what of an invented one is needed besides.
+
+    Args:
+        known: [H, W] px.
+        hidden: The same, or at half of the resolution.
+        middle: Of the frame, in px.
+    """
+    size = (known.mask.shape[0], known.mask.shape[1])
+    halved = hidden.mask.shape != known.mask.shape
+    mask, radius = hidden.mask, hidden.signed_radius
+    if halved:
+        mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
+        radius = in_pixels(radius.detach(), size, middle)
+    farther = radius > known.signed_radius + STEP
+    needed = mask & (~known.mask | farther)
+    if halved:
+        needed = hidden.mask & in_cells(needed, middle)
+    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)

@@ -66,30 +66,30 @@ def _of_both(between: Tensor, dim: int) -> Tensor:
 
 
 def transported(
-    image: Tensor,
-    signed_radius: Tensor,
+    picture: Tensor,
     at: Tensor,
     border: Tensor,
     smooth: Tensor,
     tensor: Tensor,
+    halvings: int = 0,
 ) -> Tensor:
     """Colours [n, C] behind nearer surfaces, with the lines that lead there.
 
     Args:
-        image: [C, H, W] linear.
-        signed_radius: [H, W] px.
+        picture: [C + 1, H, W] linear colour and radius in px.
         at: [n, 2] rows and columns of pixels.
         border: [n] px, beyond which a pixel is farther.
         smooth: [n, C + 1] colour and radius as continued without a direction.
         tensor: [n, 3] structure tensor, continued likewise.
+        halvings: How many times the resolution of the picture is halved.
     """
-    r, color = signed_radius.detach().flatten(), smooth[:, :-1]
+    r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[1:]
     along, coherence = _direction(tensor, color)
     ends = []
     for way in (along, -along):
-        spot, away = _first_beyond(r, signed_radius.shape, at, border, way)
+        spot, away = _first_beyond(r, size, at, border, way, 0.5**halvings)
         near = (away < FARTHEST) & ((r[spot] - smooth[:, -1].detach()).abs() < _OF_ONE)
-        ends.append((image.flatten(1).index_select(1, spot).T, away, near))
+        ends.append((picture[:-1].flatten(1).index_select(1, spot).T, away, near))
     (first, to_first, is_first), (second, to_second, is_second) = ends
     both = is_first & is_second
     # of two ends the nearer counts more; of one, the less the farther it is
@@ -115,7 +115,7 @@ def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _first_beyond(
-    r: Tensor, size: tuple[int, ...], at: Tensor, border: Tensor, along: Tensor
+    r: Tensor, size: tuple[int, ...], at: Tensor, border: Tensor, along: Tensor, scale: float
 ) -> tuple[Tensor, Tensor]:
     """The first pixel along a direction that lies beyond the border, and its distance.
 
@@ -125,6 +125,7 @@ def _first_beyond(
         at: [n, 2].
         border: [n].
         along: [n, 2] of length 1.
+        scale: Pixels of the picture in one px.
 
     Returns:
         [n] index in r, and [n] px; infinitely far where there is none.
@@ -138,9 +139,9 @@ def _first_beyond(
     state = [*at.unbind(1), *along.unbind(1), *half.unbind(1), border]
     for step in _STEPS:
         y, x, down, across, half_down, half_across, limit = state
-        row = (y + torch.add(half_down, down, alpha=step).long()).clamp_(0, H - 1)
+        row = (y + torch.add(half_down, down, alpha=step * scale).long()).clamp_(0, H - 1)
         spot = row.mul_(W).add_(
-            (x + torch.add(half_across, across, alpha=step).long()).clamp_(0, W - 1)
+            (x + torch.add(half_across, across, alpha=step * scale).long()).clamp_(0, W - 1)
         )
         known = r.index_select(0, spot) > limit
         some, rest = (torch.nonzero(each)[:, 0] for each in (known, ~known))

@@ -27,7 +27,7 @@ LAYERS = [
     {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
-    {"continuation", "transport"},
+    {"continuation", "transport", "view"},
     {
         "compositing",
         "convolution",

@@ -77,22 +77,24 @@ def test_without_a_direction_nothing_is_transported() -> None:
         at = torch.tensor([[40, 55], [48, 52]])
         smooth = torch.tensor([[0.7, FAR], [0.1, FAR]], dtype=torch.float64)
         _, radius = behind_a_bar(image)
+        picture = torch.cat([image, radius[None]])
         cells = tensor_of(image, torch.zeros_like(radius))
         tensor = cells[:, at[:, 0] // 4, at[:, 1] // 4].T
         border = torch.zeros(2, dtype=torch.float64)
-        found = transported(image, radius, at, border, smooth, tensor)
+        found = transported(picture, at, border, smooth, tensor)
         assert worst(found, smooth[:, :1]) < 0.05
 
 
 def test_what_lies_at_another_distance_lends_no_colour() -> None:
     background = stripes(90.0)
     image, radius = behind_a_bar(background)
+    picture = torch.cat([image, radius[None]])
     at = torch.tensor([[48, 55]])
     tensor = torch.tensor([[0.0, 0.0, 0.01]], dtype=torch.float64)  # level stripes
     border = torch.zeros(1, dtype=torch.float64)
     for r, weight in ((FAR, 1.0), (FAR + 5, 0.0)):
         smooth = torch.tensor([[0.2, 0.4, r]], dtype=torch.float64)
-        found = transported(image, radius, at, border, smooth, tensor)
+        found = transported(picture, at, border, smooth, tensor)
         expected = torch.lerp(smooth[:, :2], background[:, 48, 30][None], weight)
         assert worst(found, expected) < 1e-3
 
@@ -101,11 +103,12 @@ def test_one_end_counts_the_less_the_farther_it_is() -> None:
     image = torch.full((1, 1, 40), 0.2, dtype=torch.float64)
     radius = torch.full((1, 40), NEAR, dtype=torch.float64)
     image[..., :10], radius[:, :10] = 1.0, FAR
+    picture = torch.cat([image, radius[None]])
     tensor = torch.tensor([[0.0, 0.0, 0.01]], dtype=torch.float64)
     smooth = torch.tensor([[0.0, FAR]], dtype=torch.float64)
     border = torch.zeros(1, dtype=torch.float64)
     found = [
-        float(transported(image, radius, torch.tensor([[0, x]]), border, smooth, tensor))
+        float(transported(picture, torch.tensor([[0, x]]), border, smooth, tensor))
         for x in (11, 15, 20, 27, 39)
     ]
     assert found == sorted(found, reverse=True)
@@ -132,6 +135,7 @@ def test_gradients_pass_through_directions() -> None:
     def colors(image: Tensor) -> Tensor:
         tensor = tensor_of(image, radius, axes((9, 12)))[:, at[:, 0] // 4, 0].T
         smooth = torch.cat([image[:, at[:, 0], 2].T, torch.full((3, 1), FAR)], 1)
-        return transported(image, radius, at, border, smooth, tensor)
+        picture = torch.cat([image, radius[None]])
+        return transported(picture, at, border, smooth, tensor)
 
     assert gradcheck(colors, (image,))
