@@ -134,21 +134,21 @@ def _taken_apart(
         Place, colour and coverage of pixels; place, layer and radius of the fringe in them.
     """
     H, W = edge.shape
-    offset = torch.arange(-_AROUND, _AROUND + 1, device=at.device)
-    dy, dx = (d.flatten() for d in torch.meshgrid(offset, offset, indexing="ij"))
-    place = (at[:, :1] + dy).clamp(0, H - 1) * W + (at[:, 1:] + dx).clamp(0, W - 1)  # [n, 25]
+    offset = torch.arange(-_AROUND, _AROUND + 1, device=at.device)[:, None]
+    rows, columns = (at[:, 0] + offset).clamp_(0, H - 1), (at[:, 1] + offset).clamp_(0, W - 1)
+    place = (rows[:, None] * W + columns).flatten(0, 1)  # [25, n]
     spots = place.flatten()
     radii, alone = (
         x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, ~edge)
     )
-    is_near = radii.detach() < border[at[:, 0], at[:, 1]][:, None]
-    nearness = torch.exp(-(dy * dy + dx * dx).to(image.dtype) / 4) * alone
-    colors = image.flatten(1).index_select(1, spots)
-    colors = colors.reshape(len(image), *place.shape).movedim(0, 1)  # [n, C, 25]
-    values = torch.cat([colors, colors * colors, radii[:, None]], 1)
+    is_near = radii.detach() < border[at[:, 0], at[:, 1]]
+    squares = (offset * offset + (offset * offset).T).flatten().to(image.dtype)
+    nearness = torch.exp(-squares / 4)[:, None] * alone
+    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
+    values = torch.cat([colors, colors * colors, radii[None]])  # [2 C + 1, 25, n]
     near, far = (_side(values, nearness * side) for side in (is_near, ~is_near))
-    middle = len(dy) // 2
-    own_near, color = is_near[:, middle], colors[..., middle]
+    middle = len(place) // 2
+    own_near, color = is_near[middle], colors[:, middle].T
     alpha = _mixture(color, near, far, own_near.to(color.dtype))
     alpha = torch.where(own_near, alpha.clamp(0.5, 1), alpha.clamp(0, 0.5))[:, None]
     weights = (alpha * near.variance, (1 - alpha) * far.variance)
@@ -173,18 +173,17 @@ def _side(values: Tensor, weight: Tensor) -> _Side:
     """The surface of some of the pixels around others.
 
     Args:
-        values: [n, 2 C + 1, 25] colour, its square, radius.
-        weight: [n, 25], 0 where it is another surface.
+        values: [2 C + 1, 25, n] colour, its square, radius.
+        weight: [25, n], 0 where it is another surface.
     """
-    total = weight.sum(1, keepdim=True)
-    weight = weight / torch.where(total > 0, total, 1.0)
-    means = (values @ weight[:, :, None])[..., 0]
-    C = values.shape[1] // 2
+    total = weight.sum(0)
+    means = ((values * weight).sum(1) / torch.where(total > 0, total, 1.0)).T
+    C = means.shape[1] // 2
     mean, radius = means[:, :C], means[:, -1]
     tiny = torch.finfo(mean.dtype).tiny ** 0.5
     spread = (means[:, C:-1] - mean * mean).clamp(min=0)
     variance = spread + (_LEAST_DEVIATION * mean) ** 2 + tiny
-    return _Side(mean, variance, radius, total[:, 0] > 0)
+    return _Side(mean, variance, radius, total > 0)
 
 
 def _within(side: _Side, mixed: Tensor, color: Tensor) -> Tensor:
