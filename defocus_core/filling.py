@@ -14,7 +14,7 @@ from defocus_core.compositing import summed
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes, halves
 from defocus_core.hidden import HiddenLayer
-from defocus_core.resampling import cells_read, cubic_shares, place_of
+from defocus_core.resampling import cells_read, linear_shares, place_of
 from defocus_core.slicing import position
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
@@ -95,5 +95,5 @@ class Filling:
         first = place_of(tile[dim], self._fine[dim], self._coarse[dim], self.halvings) - cells[dim]
         key = (first, tile[dim + 2], cells[dim + 2])
         if key not in self._shares:
-            self._shares[key] = cubic_shares(*key, 0.5**self.halvings, like)
+            self._shares[key] = linear_shares(*key, 0.5**self.halvings, like)
         return self._shares[key]

@@ -149,9 +149,9 @@ def frame_of(
     spreads = _spreads(radii, numbers, quality, (H, W), 0)
     coarse = _spreads(radii, numbers, quality, (H, W), halvings)
     reaches, known = [spread.px for spread in spreads], [spread.px for spread in coarse]
-    if halvings:  # a pixel has shares in cells beside it, and is read from two cells on each side
+    if halvings:  # a pixel has shares in cells beside it, and is read between two
         most = max(H, W) - 1
-        invented = [min((cells + 3) * (1 << halvings) - 1, most) for cells in known]
+        invented = [min((cells + 2) * (1 << halvings) - 1, most) for cells in known]
     else:
         invented = known
     farthest = max([*reaches, *(invented if edges else ())])
@@ -167,8 +167,8 @@ def frame_of(
 
     def windows_at(halvings: int, spreads: list[Spread]) -> list[Window]:
         """Windows of all slices after resolution is halved some times."""
-        # pixels are read from two cells on each side, and may begin in the middle of one
-        more = 5 if halvings else 0
+        # pixels lie between cells, and may begin in the middle of one
+        more = 3 if halvings else 0
         (tile_h, tile_w), (region_h, region_w) = (
             ((height >> halvings) + more, (width >> halvings) + more)
             for height, width in (side, within)

@@ -1,4 +1,4 @@
-"""Pictures at reduced resolution, read in between: cubics (Keys 1981)."""
+"""Pictures at reduced resolution, read in between: by cubics if they are smooth, else by tents."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from defocus_core.tiling import Box
 
 
 def cubic_shares(first: float, pixels: int, cells: int, step: float, like: Tensor) -> Tensor:
-    """The shares [pixels, cells] of cells in pixels.
+    """The shares [pixels, cells] of cells in pixels: the cubic of Keys 1981 with a = -1/2.
 
     Args:
         first: Where the first pixel lies, counted in cells from the first of these.
@@ -21,13 +21,22 @@ def cubic_shares(first: float, pixels: int, cells: int, step: float, like: Tenso
         step: Cells from one pixel to the next.
         like: Of the dtype and device of the result.
     """
-    place = torch.arange(pixels, dtype=like.dtype, device=like.device) * step + first
-    number = torch.arange(cells, dtype=like.dtype, device=like.device)
-    away = (place[:, None] - number).abs()
-    # the cubic with a = -1/2
+    away = _away(first, pixels, cells, step, like)
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2
     return torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
+
+
+def linear_shares(first: float, pixels: int, cells: int, step: float, like: Tensor) -> Tensor:
+    """The same by tents: nothing overshoots beside an edge."""
+    return (1 - _away(first, pixels, cells, step, like)).clamp(min=0)
+
+
+def _away(first: float, pixels: int, cells: int, step: float, like: Tensor) -> Tensor:
+    """How many cells each pixel is away from each cell: [pixels, cells]."""
+    place = torch.arange(pixels, dtype=like.dtype, device=like.device) * step + first
+    number = torch.arange(cells, dtype=like.dtype, device=like.device)
+    return (place[:, None] - number).abs()
 
 
 def place_of(pixel: int, fine: Axis, coarse: Axis, halvings: int) -> float:
@@ -44,9 +53,9 @@ def place_of(pixel: int, fine: Axis, coarse: Axis, halvings: int) -> float:
 
 
 def cells_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int) -> Box:
-    """The cells from which the pixels of a rectangle are read: two on each side of each."""
+    """The cells between which the pixels of a rectangle lie."""
     first, end = [], []
     for d, axes in enumerate(zip(fine, coarse, strict=True)):
-        first.append(math.floor(place_of(box[d], *axes, halvings)) - 1)
-        end.append(math.floor(place_of(box[d] + box[d + 2] - 1, *axes, halvings)) + 3)
+        first.append(math.floor(place_of(box[d], *axes, halvings)))
+        end.append(math.floor(place_of(box[d] + box[d + 2] - 1, *axes, halvings)) + 2)
     return Box(first[0], first[1], end[0] - first[0], end[1] - first[1])

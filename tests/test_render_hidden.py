@@ -122,3 +122,18 @@ def test_what_is_known_behind_a_picture_of_great_range_keeps_the_dark_dark() -> 
     seen = render(image.float(), radius.float(), hidden=single).render
     assert seen.dtype == torch.float32
     assert worst(seen[:, 12:, 14:] / exact, 1.0) < 1e-4
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_where_hidden_surfaces_meet_nothing_is_darker_or_brighter_than_they_are(
+    quality: str,
+) -> None:
+    """A bright wall in focus beside a dark one that is not, both behind a dark card."""
+    x = torch.arange(112, dtype=torch.float64).expand(96, -1)
+    y = torch.arange(96, dtype=torch.float64)[:, None].expand(-1, 112)
+    color, radius = torch.where(x < y + 8, 0.9, 0.05), torch.where(x < y + 8, 0.0, -8.0)
+    card = ((x - 56).abs() < 14) & ((y - 48).abs() < 30)
+    color, radius = torch.where(card, 0.05, color), torch.where(card, -16.0, radius)
+    found = render(color[None].to(x), radius.to(x), quality=quality).render
+    assert float(found.min()) > 0.05 - 1e-3
+    assert float(found.max()) < 0.9 + 1e-3
