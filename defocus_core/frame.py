@@ -148,12 +148,12 @@ def frame_of(
     halvings = 0 if num_layers or not edges else quality.hidden_halvings
     spreads = _spreads(radii, numbers, quality, (H, W), 0)
     coarse = _spreads(radii, numbers, quality, (H, W), halvings)
-    reaches, known = [spread.px for spread in spreads], [spread.px for spread in coarse]
+    reaches, of_coarse = [spread.px for spread in spreads], [spread.px for spread in coarse]
     if halvings:  # a pixel has shares in cells beside it, and is read between two
         most = max(H, W) - 1
-        invented = [min((cells + 2) * (1 << halvings) - 1, most) for cells in known]
+        invented = [min((spread + 2) * (1 << halvings) - 1, most) for spread in of_coarse]
     else:
-        invented = known
+        invented = of_coarse
     farthest = max([*reaches, *(invented if edges else ())])
     farthest += farthest % 2
     margin = _NEIGHBOURHOOD + farthest
@@ -206,7 +206,11 @@ def frame_of(
         windows=whole,
         known=FillSlices(1, 0, whole, reaches, reaches),
         invented=FillSlices(
-            stride, halvings, windows_at(halvings, coarse) if halvings else whole, known, invented
+            stride=stride,
+            halvings=halvings,
+            windows=windows_at(halvings, coarse) if halvings else whole,
+            cells=of_coarse,
+            reaches=invented,
         ),
         edges=edges,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
