@@ -12,9 +12,9 @@ from torch import Tensor
 from defocus_core.blur import Blur, Sliced
 from defocus_core.compositing import summed
 from defocus_core.frame import FillSlices, Frame
-from defocus_core.halving import axes, halves
+from defocus_core.halving import axes, halves, place_of
 from defocus_core.hidden import HiddenLayer
-from defocus_core.resampling import cells_read, linear_shares, place_of
+from defocus_core.resampling import cells_read, linear_shares
 from defocus_core.slicing import position
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
@@ -66,9 +66,7 @@ class Filling:
             tiles = tiles._replace(tiles=read)
         self._cells_of = tiles.tiles
         self._blur = Blur(slices.windows, slices.cells, tiles, frame.groups, self._coarse)
-        spans = list(dict.fromkeys(map(id, slices.windows)))
-        numbers = [spans.index(id(window)) for window in slices.windows]
-        self._sliced: Sliced = self._blur.sliced(samples, slices.stride, numbers)
+        self._sliced: Sliced = self._blur.sliced(samples, slices.stride, slices.layers)
         self.plan = self._sliced.surface.plan
         self.windows: list[Window] = slices.windows[:: slices.stride]
         self._shares: dict[tuple[float, int, int], Tensor] = {}

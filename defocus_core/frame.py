@@ -41,6 +41,12 @@ class FillSlices(NamedTuple):
     cells: list[int]
     reaches: list[int]
 
+    @property
+    def layers(self) -> list[int]:
+        """For each slice the number of its layer: all of a window add up."""
+        windows = list(dict.fromkeys(map(id, self.windows)))
+        return [windows.index(id(window)) for window in self.windows]
+
 
 @dataclass(frozen=True)
 class Frame:

@@ -7,11 +7,13 @@ neighbours.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
+
+_Number = TypeVar("_Number", float, Tensor)
 
 
 class Axis(NamedTuple):
@@ -37,13 +39,23 @@ def places(
         coarse: Where it is at reduced resolution.
         halvings: How many times resolution is halved.
     """
-    share = 0.5**halvings
     return [
-        there.middle + (at[:, d] - here.middle) * share
-        if here.odd
-        else there.middle - 0.5 + (at[:, d] + 0.5 - here.middle) * share
+        place_of(at[:, d], here, there, halvings)
         for d, (here, there) in enumerate(zip(fine, coarse, strict=True))
     ]
+
+
+def place_of(pixel: _Number, fine: Axis, coarse: Axis, halvings: int) -> _Number:
+    """Where a pixel lies among cells, along one axis.
+
+    Args:
+        pixel: Its row or column, or [n] of them.
+        fine: Where the middle of the frame is among pixels.
+        coarse: Where it is among cells.
+        halvings: How many times resolution is halved.
+    """
+    offset = 0.0 if fine.odd else 0.5
+    return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << halvings)
 
 
 def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:

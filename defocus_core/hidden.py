@@ -155,12 +155,12 @@ def _seen_coarsely(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Colour and radius of cells [C + 1, n] times their weight, structure tensors, and weights."""
     at = view.pixels(groups.at) + groups.at.new_tensor(box[:2])
-    values, weight = continued(beyond.levels, at, groups.border, beyond.fine)
-    several = beyond.levels[:_DIRECTIONS]
-    tensor = sum(nearby(level, at, groups.border, beyond.fine)[0][-3:] for level in several)
+    colors = [level.channels(slice(-3)) for level in beyond.levels]
+    tensors = [level.channels(slice(-3, None)) for level in beyond.levels[:_DIRECTIONS]]
+    values, weight = continued(colors, at, groups.border, beyond.fine)
+    tensor = sum(nearby(level, at, groups.border, beyond.fine)[0] for level in tensors)
     assert isinstance(tensor, Tensor)
-    found = (values[:-3], tensor, weight)
-    result, tensor, weight = (x.index_select(-1, groups.of) for x in found)
+    result, tensor, weight = (x.index_select(-1, groups.of) for x in (values, tensor, weight))
     return result, tensor, weight
 
 

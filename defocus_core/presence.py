@@ -151,14 +151,14 @@ class Presence:
                 lowest, highest = block_ends(lean, BLOCK // step)
                 self.visible.lean(leaning.cpu(), lowest.cpu(), highest.cpu())
         fill = frame.invented
-        numbers = list(dict.fromkeys(map(id, fill.windows)))
-        spans = [numbers.index(id(window)) for window in fill.windows]
         self.behind, blocks = 0.0, blocks[:0]
         plan = [[] for _ in frame.grid.tiles]
         if frame.edges:
             blocks = self._behind(signed_radius)
             plan = self._tiles_behind(blocks)
-        self.hidden = Cover(plan, blocks.cpu(), fill.stride, spans, fill.windows, fill.halvings)
+        self.hidden = Cover(
+            plan, blocks.cpu(), fill.stride, fill.layers, fill.windows, fill.halvings
+        )
 
     def _blocks(
         self, radius: Tensor, some: Tensor, step: int, stride: int, size: tuple[int, int]

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.convolution import crop_inverse
-from defocus_core.halving import Axis
-from defocus_core.resampling import cubic_shares, place_of
+from defocus_core.halving import Axis, place_of
+from defocus_core.resampling import cubic_shares
 from defocus_core.surface import Surface
 from defocus_core.tiling import Box
 from defocus_core.windows import Window

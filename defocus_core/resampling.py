@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from defocus_core.halving import Axis
+from defocus_core.halving import Axis, place_of
 from defocus_core.tiling import Box
 
 
@@ -37,19 +37,6 @@ def _away(first: float, pixels: int, cells: int, step: float, like: Tensor) -> T
     place = torch.arange(pixels, dtype=like.dtype, device=like.device) * step + first
     number = torch.arange(cells, dtype=like.dtype, device=like.device)
     return (place[:, None] - number).abs()
-
-
-def place_of(pixel: int, fine: Axis, coarse: Axis, halvings: int) -> float:
-    """Where a pixel lies among cells.
-
-    Args:
-        pixel: Its row or column.
-        fine: Where the middle of the frame is among pixels.
-        coarse: Where it is among cells.
-        halvings: How many times resolution is halved.
-    """
-    offset = 0.0 if fine.odd else 0.5
-    return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << halvings)
 
 
 def cells_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int) -> Box:

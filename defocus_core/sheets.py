@@ -62,6 +62,14 @@ class Level(NamedTuple):
     edges: Tensor
     whole: bool = False
 
+    def channels(self, some: slice) -> Level:
+        """The same with some of its values."""
+        first = self.first._replace(values=self.first.values[some])
+        second = self.second
+        if second is not None:
+            second = second._replace(values=second.values[some])
+        return self._replace(first=first, second=second)
+
 
 def pixels_of(
     values: Tensor,
