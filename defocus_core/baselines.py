@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import FULL, Aperture
-from defocus_core.convolution import kernel_spectra, reach, transform_length
+from defocus_core.convolution import kernel_spectra, kernels, reach, transform_length
 from defocus_core.quality import find
 from defocus_core.slicing import membership, position, rungs
 from defocus_core.threads import threaded
@@ -87,8 +87,8 @@ def _blurred(layer: Tensor, radius: float, aperture: Aperture, threads: int) -> 
     if extent == 0:
         return layer
     rows, columns = (transform_length(max(n + extent, 2 * extent + 1)) for n in (H, W))
-    kernel = torch.tensor([radius], dtype=torch.float64)
-    response = kernel_spectra(kernel, extent, (rows, columns), aperture, [FULL])[0]
+    kernel = kernels(torch.tensor([radius], dtype=torch.float64), extent, aperture, [FULL])
+    response = kernel_spectra(kernel[0], (rows, columns))
     response = response.to(layer.device, torch.promote_types(layer.dtype, torch.complex64))
 
     def blurred(channel: Tensor) -> Tensor:

@@ -7,12 +7,41 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.convolution import crop_inverse
+from defocus_core.convolution import crop_inverse, sum_of_products
 from defocus_core.halving import Axis
+from defocus_core.patches import Patch
 from defocus_core.reduced import Reduced
 from defocus_core.surface import Samples, Surface
-from defocus_core.tiling import Grid
+from defocus_core.tiling import Box, Grid
 from defocus_core.windows import Window
+
+
+class Piece(NamedTuple):
+    """What a tile sees of a layer at full resolution.
+
+    Attributes:
+        number: Of the layer.
+        window: Of its slices.
+        rungs: The first to the last of the surface that reach the tile.
+        patch: Where.
+    """
+
+    number: int
+    window: Window
+    rungs: range
+    patch: Patch
+
+
+class Shown(NamedTuple):
+    """A layer over a rectangle of a tile; elsewhere it is 0.
+
+    Attributes:
+        box: Counted from the corner of the tile.
+        layer: [m, C + 1, h, w].
+    """
+
+    box: Box
+    layer: Tensor
 
 
 class Sliced(NamedTuple):
@@ -21,14 +50,16 @@ class Sliced(NamedTuple):
     Attributes:
         surface: It is.
         stride: Whether it uses every slice (1) or every other (2).
-        layer_of: For each slice the number of its layer. The slices of a layer share a window.
-        reduced: What is blurred at reduced resolution.
+        layer_of: For each slice the number of its layer.
+        pieces: For each tile what is blurred at full resolution.
+        reduced: Layers at reduced resolution, by number.
     """
 
     surface: Surface
     stride: int
     layer_of: list[int]
-    reduced: list[Reduced]
+    pieces: list[list[Piece]]
+    reduced: dict[int, Reduced]
 
 
 class Blur:
@@ -45,7 +76,7 @@ class Blur:
         """Keep what all surfaces share.
 
         Args:
-            windows: Of the slices.
+            windows: Of the slices; those of a layer share one.
             reaches: Px that each spreads.
             grid: The tiles, counted from the first sample of a surface.
             groups: Of the parts of the aperture: each is computed as if it were alone, to the
@@ -63,35 +94,35 @@ class Blur:
         whole = [w for w in self._windows if not w.halvings]
         before = max((w.margin for w in whole), default=0)
         beyond = max((n - w.margin for w in whole for n in w.size), default=0)
-        surface = Surface(samples, self._reaches[::stride], self._grid, before, beyond)
-        present, tilted = (
-            sorted({rung for some in plan for rung in some})
-            for plan in (surface.plan, surface.tilted_plan)
-        )
-        reduced = [
-            Reduced(
-                surface,
-                window,
-                {rung: rung * stride for rung in rungs},
-                {rung: layer_of[rung * stride] for rung in rungs},
-                set(tilted),
-                self._groups,
-                self._grid.box,
-                self._middle,
-            )
-            for window, rungs in self._by_window(present, stride)
-            if window.halvings
-        ]
-        return Sliced(surface, stride, layer_of, reduced)
+        numbers = layer_of[::stride]
+        surface = Surface(samples, self._reaches[::stride], numbers, self._grid, before, beyond)
+        tilted = {rung for some in surface.tilted_plan for rung in some}
+        rungs_of: dict[int, list[int]] = {}
+        for rung in sorted({rung for some in surface.plan for rung in some}):
+            rungs_of.setdefault(numbers[rung], []).append(rung)
+        pieces: list[list[Piece]] = [[] for _ in self._grid.tiles]
+        reduced: dict[int, Reduced] = {}
+        for number, rungs in rungs_of.items():
+            window = self._windows[rungs[0] * stride]
+            if window.halvings:
+                reduced[number] = Reduced(
+                    surface,
+                    window,
+                    {rung: rung * stride for rung in rungs},
+                    tilted,
+                    self._groups,
+                    self._grid.box,
+                    self._middle,
+                )
+                continue
+            found = surface.patches(number, window.margin)
+            for some, plan, patch in zip(pieces, surface.plan, found, strict=True):
+                here = [rung for rung in plan if numbers[rung] == number]
+                if here and patch:
+                    some.append(Piece(number, window, range(here[0], here[-1] + 1), patch))
+        return Sliced(surface, stride, layer_of, pieces, reduced)
 
-    def _by_window(self, rungs: list[int], stride: int) -> list[tuple[Window, list[int]]]:
-        """The windows of some rungs of a surface."""
-        found: dict[int, list[int]] = {}
-        for rung in rungs:
-            found.setdefault(id(self._windows[rung * stride]), []).append(rung)
-        return [(self._windows[some[0] * stride], some) for some in found.values()]
-
-    def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, Tensor]]:
+    def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, Shown]]:
         """The layers of the visible or the hidden surface over a tile: sums of blurred slices.
 
         Args:
@@ -99,72 +130,51 @@ class Blur:
             index: Of the tile.
 
         Returns:
-            For each group of m parts the layers by number, [m, C + 1, h, w] each.
+            For each group of m parts the layers by number.
         """
-        surface, stride, layer_of, reduced = sliced
-        layers: list[dict[int, Tensor]] = [{} for _ in self._groups]
-        present = {layer_of[rung * stride] for rung in surface.plan[index]}
-        for some in reduced:
-            for found, more in zip(
-                layers, some.over(self._grid.tiles[index], present), strict=True
-            ):
-                found.update(more)
-        for window, rungs in self._by_window(surface.plan[index], stride):
-            if window.halvings:
-                continue
-            slices = [rung * stride for rung in rungs]
-            numbers = [layer_of[k] for k in slices]
-            pixels = surface.members(index, window.margin, window.size, rungs)
-            if window.margin == 0:
-                for group, found in zip(self._groups, layers, strict=True):
-                    found.update(self._sharp(pixels, numbers, index, group.stop - group.start))
-                continue
-            kernels = [window.spectrum(k, window.size) for k in slices]
-            tilted = [i for i, rung in enumerate(rungs) if rung in surface.tilted_plan[index]]
-            box = self._grid.tiles[index].around(window.margin)
-            for i in tilted.copy():
-                slope = surface.plane(rungs[i], box)
-                if slope:
-                    kernels[i] = window.tilted(slices[i], window.size, slope)
-                    tilted.remove(i)
-            terms = list(zip(numbers, torch.fft.rfft2(pixels), kernels, strict=True))
-            if tilted:
-                lean = surface.slopes(index, window.margin, window.size)[:, None]
-                spectra = torch.fft.rfft2(lean * pixels[tilted][:, None])
-                for i, pair in zip(tilted, spectra, strict=True):
-                    leaning = window.leaning(slices[i], window.size)
-                    terms += [(numbers[i], *term) for term in zip(pair, leaning, strict=True)]
-            for group, found in zip(self._groups, layers, strict=True):
-                found.update(self._transformed_back(terms, group, window, index))
-        return layers
+        tile = self._grid.tiles[index]
+        shown: dict[int, tuple[Box, list[Tensor]]] = {}
+        for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
+            found = sliced.reduced[number].over(tile) if number in sliced.reduced else None
+            if found:
+                shown[number] = found
+        for piece in sliced.pieces[index]:
+            made = self._blurred(sliced, piece, index) if piece.window.margin else None
+            shown[piece.number] = piece.patch.seen, made or self._sharp(sliced, piece)
+        return [
+            {number: Shown(box.seen_from(tile), some[i]) for number, (box, some) in shown.items()}
+            for i in range(len(self._groups))
+        ]
 
-    def _transformed_back(
-        self,
-        terms: list[tuple[int, Tensor, Tensor]],
-        group: slice,
-        window: Window,
-        index: int,
-    ) -> dict[int, Tensor]:
-        """Layers of the sums of spectra times kernels, by number."""
-        totals: dict[int, Tensor] = {}
-        for number, spectrum, kernel in terms:
-            if number in totals:
-                totals[number] = totals[number].addcmul_(spectrum, kernel[group])
-            else:
-                totals[number] = spectrum * kernel[group]
-        box = self._grid.tiles[index]
-        wanted = (window.margin, window.margin, box.height, box.width)
-        blurred = crop_inverse(torch.stack(list(totals.values())), window.size, wanted)
-        return dict(zip(totals, blurred.unbind(), strict=True))
+    def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
+        """A layer where it shows, for each group of m parts: [m, C + 1, h, w]."""
+        surface, window, rungs = sliced.surface, piece.window, piece.rungs
+        size = window.fitting(piece.patch.least)
+        box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
+        pixels = surface.members(rungs, box, piece.patch.lit)
+        spectra = torch.fft.rfft2(pixels).unbind(1)
+        tilted = [i for i, rung in enumerate(rungs) if rung in sliced.surface.tilted_plan[index]]
+        terms: list[tuple[Tensor, Tensor]] = []
+        leaning = []
+        for i, rung in enumerate(rungs):
+            k = rung * sliced.stride
+            slope = None
+            if i in tilted:
+                slope = surface.plane(rung, self._grid.tiles[index].around(window.margin))
+                if not slope:
+                    leaning.append(i)
+            kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
+            terms.append((spectra[i], kernel))
+        if leaning:
+            lean = surface.slopes(box)[:, None, None]
+            pairs = torch.fft.rfft2(lean * pixels[:, leaning])
+            for i, pair in zip(leaning, pairs.unbind(2), strict=True):
+                terms += zip(pair, window.leaning(rungs[i] * sliced.stride, size), strict=True)
+        wanted = piece.patch.seen.seen_from(box)
+        return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
 
-    def _sharp(
-        self, pixels: Tensor, numbers: list[int], index: int, parts: int
-    ) -> dict[int, Tensor]:
-        """Layers of slices [k, C + 1, h, w] that are not blurred."""
-        box = self._grid.tiles[index]
-        layers: dict[int, Tensor] = {}
-        for number, sharp in zip(numbers, pixels[..., : box.height, : box.width], strict=True):
-            others = layers.get(number)
-            sharp = sharp.expand(parts, -1, -1, -1)
-            layers[number] = sharp if others is None else others + sharp
-        return layers
+    def _sharp(self, sliced: Sliced, piece: Piece) -> list[Tensor]:
+        """The same of slices that are not blurred."""
+        box = piece.patch.seen
+        pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
+        return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]

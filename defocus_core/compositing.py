@@ -8,10 +8,12 @@ both: each slice adds its coverage until the whole part is covered.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import reduce
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.tiling import Box
 
 # Guards 0 / 0 where nothing is left to cover; shares below it are of no consequence.
 _LEAST_SHARE = 1e-12
@@ -48,6 +50,29 @@ def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tenso
     return seen.addcmul_(layer, share)
 
 
+def add_within(seen: Tensor, box: Box, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+    """Add a layer behind that is 0 outside of a rectangle.
+
+    Args:
+        seen: [M, C + 1, H, W], as above.
+        box: The rectangle.
+        layer: [M, C + 1, h, w], what it holds.
+        full: As above.
+    """
+    if torch.is_grad_enabled():
+        return add_behind(seen, spread_over(box, layer, seen), full)
+    most = box.of(full) if isinstance(full, Tensor) else full
+    add_behind(box.of(seen), layer, most)
+    return seen
+
+
+def spread_over(box: Box, layer: Tensor, like: Tensor) -> Tensor:
+    """A layer [M, C + 1, h, w] that is 0 outside of a rectangle, where `like` is [..., H, W]."""
+    H, W = like.shape[-2:]
+    ends = W - box.left - box.width, H - box.top - box.height
+    return pad(layer, (box.left, ends[0], box.top, ends[1]))
+
+
 def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
     """Whether nothing is left to cover; never where a gradient is wanted: what is left has one.
 
@@ -60,9 +85,25 @@ def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
     return bool((full - seen[:, -1:]).amax() <= _FULL * torch.finfo(seen.dtype).eps)
 
 
-def summed(layers: Iterable[Tensor]) -> Tensor:
-    """The sum of layers that do not occlude each other: all are behind the same."""
-    return reduce(torch.add, layers)
+def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:
+    """The sum of layers that do not occlude each other: all are behind the same.
+
+    Args:
+        layers: Each [M, C + 1, h, w] within a rectangle.
+        size: (height, width) of the sum.
+
+    Returns:
+        [M, C + 1, height, width]; None if there is no layer.
+    """
+    total: Tensor | None = None
+    for box, layer in layers:
+        if total is None:
+            total = layer.new_zeros(*layer.shape[:2], *size)
+        if torch.is_grad_enabled():
+            total = total + spread_over(box, layer, total)
+        else:
+            box.of(total).add_(layer)
+    return total
 
 
 def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: bool = True) -> Tensor:

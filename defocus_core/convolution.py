@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture, Part, kernel
+from defocus_core.tiling import Box
 
 
 def reach(radius: float, limit: int) -> int:
@@ -38,35 +39,36 @@ def transform_length(n: int) -> int:
     return _LENGTHS[bisect_left(_LENGTHS, n)]
 
 
-def kernel_spectra(
-    radii: Tensor,
-    extent: int,
-    window: tuple[int, int],
-    aperture: Aperture,
-    parts: list[Part],
-    *,
-    leaning: bool = False,
+def kernels(
+    radii: Tensor, extent: int, aperture: Aperture, parts: list[Part], *, leaning: bool = False
 ) -> Tensor:
-    """Transforms of the kernels of all parts.
+    """Kernels of all parts, in the middle of a square.
 
     Args:
         radii: [K] signed radii in px, float64.
         extent: Px that the kernels spread at most to each side.
-        window: (height, width) of the transform, at least 2 extent + 1 each.
         aperture: The pupil.
         parts: M parts of it.
         leaning: Kernels times u.x and times u.y, for tilted surfaces.
 
     Returns:
-        [K, M, window height, window width // 2 + 1], centred on pixel (0, 0); [K, 2, M, ...] if
-        leaning.
+        [K, M, 2 extent + 1, 2 extent + 1]; [K, 2, M, ...] if leaning.
     """
     size = 2 * extent + 1
-    kernels = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)
-    if leaning:
-        kernels = kernels[:, None] * _lens_points(radii, extent)[:, :, None]
+    found = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)
+    return found[:, None] * _lens_points(radii, extent)[:, :, None] if leaning else found
+
+
+def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
+    """Transforms [..., height, width // 2 + 1] of kernels, centred on pixel (0, 0).
+
+    Args:
+        kernels: [..., S, S], S an odd number.
+        window: (height, width) of the transform, at least S each.
+    """
+    size = kernels.shape[-1]
     padded = torch.nn.functional.pad(kernels, (0, window[1] - size, 0, window[0] - size))
-    spectra: Tensor = torch.fft.rfft2(padded.roll((-extent, -extent), (-2, -1)))
+    spectra: Tensor = torch.fft.rfft2(padded.roll((-(size // 2), -(size // 2)), (-2, -1)))
     return spectra
 
 
@@ -82,15 +84,22 @@ def _lens_points(radii: Tensor, extent: int) -> Tensor:
     return u / (u * u).sum(1, keepdim=True).sqrt().clamp(min=1)
 
 
-def crop_inverse(
-    spectrum: Tensor, window: tuple[int, int], box: tuple[int, int, int, int]
-) -> Tensor:
+def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
+    """Of spectra [C + 1, ...] times those of kernels [M, 1, ...], for a group of m parts."""
+    (spectrum, kernel), *others = terms
+    total = spectrum * kernel[group]
+    for spectrum, kernel in others:
+        total = total.addcmul_(spectrum, kernel[group])
+    return total
+
+
+def crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
     """Inverse transform of [..., h, w // 2 + 1], computed only where it is wanted.
 
     Args:
         spectrum: Half spectrum of a window.
         window: (height, width).
-        box: (top, left, height, width) of what is wanted.
+        box: What is wanted.
     """
     top, left, height, width = box
     rows = torch.fft.ifft(spectrum, dim=-2)[..., top : top + height, :]

@@ -73,13 +73,13 @@ class Filling:
 
     def over_tile(self, index: int) -> list[Tensor | None]:
         """What of it each group of m parts sees over a tile, [m, C + 1, h, w]; None if nothing."""
+        tile, cells = self._tiles.tiles[index], self._cells_of[index]
+        size = cells.height, cells.width
         found = [
-            summed(layers.values()) if layers else None
-            for layers in self._blur.over_tile(self._sliced, index)
+            summed(layers.values(), size) for layers in self._blur.over_tile(self._sliced, index)
         ]
         if not self.halvings:
             return found
-        tile, cells = self._tiles.tiles[index], self._cells_of[index]
         result: list[Tensor | None] = []
         for some in found:
             if some is not None:

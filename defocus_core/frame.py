@@ -16,7 +16,7 @@ from defocus_core.slicing import SHARP, evenly, layers, rungs
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey
 from defocus_core.tiling import Box, Grid, grid_over, largest, regions
-from defocus_core.windows import Spread, Window, spreads_of, windows
+from defocus_core.windows import Spread, Window, alike, spreads_of, windows
 
 # Brightness over the median beyond which float32 is not enough.
 _RANGE = 1e3
@@ -31,6 +31,7 @@ class FillSlices(NamedTuple):
         stride: They are every one (1) or every other (2) of those of the frame.
         halvings: How many times resolution is halved before anything else.
         windows: Of all slices of the frame, in cells of this resolution.
+        layers: The number of the layer of each: all of a window.
         cells: Cells that each spreads.
         reaches: Px of the frame that each spreads.
     """
@@ -38,14 +39,9 @@ class FillSlices(NamedTuple):
     stride: int
     halvings: int
     windows: list[Window]
+    layers: list[int]
     cells: list[int]
     reaches: list[int]
-
-    @property
-    def layers(self) -> list[int]:
-        """For each slice the number of its layer: all of a window add up."""
-        windows = list(dict.fromkeys(map(id, self.windows)))
-        return [windows.index(id(window)) for window in self.windows]
 
 
 @dataclass(frozen=True)
@@ -171,27 +167,23 @@ def frame_of(
     within = largest(regions(grid, margin))
     side = grid.tiles[0].height, grid.tiles[0].width
 
-    def windows_at(halvings: int, spreads: list[Spread]) -> list[Window]:
-        """Windows of all slices after resolution is halved some times."""
+    def halved(size: tuple[int, int], halvings: int) -> tuple[int, int]:
+        """(height, width) of a tile or of a region after resolution is halved some times."""
         # pixels lie between cells, and may begin in the middle of one
         more = 3 if halvings else 0
-        (tile_h, tile_w), (region_h, region_w) = (
-            ((height >> halvings) + more, (width >> halvings) + more)
-            for height, width in (side, within)
-        )
-        return windows(
-            tuple(r / (1 << halvings) for r in radii),
-            spreads,
-            numbers,
-            (tile_h, tile_w),
-            (region_h, region_w),
-            aperture,
-            cells,
-            dtype,
-            pixels.device,
-        )
+        return (size[0] >> halvings) + more, (size[1] >> halvings) + more
 
-    whole = windows_at(0, spreads)
+    def windows_at(halvings: int, spreads: list[Spread], numbers: list[int]) -> list[Window]:
+        """Windows of all slices after resolution is halved some times."""
+        scaled = tuple(r / (1 << halvings) for r in radii)
+        sides = halved(side, halvings), halved(within, halvings)
+        return windows(scaled, spreads, numbers, *sides, aperture, cells, dtype, pixels.device)
+
+    def filling(stride: int, halvings: int, spreads: list[Spread], px: list[int]) -> FillSlices:
+        layers = alike(numbers, spreads, halved(side, halvings))
+        of_all = windows_at(halvings, spreads, layers)
+        return FillSlices(stride, halvings, of_all, layers, [s.cells for s in spreads], px)
+
     stride = 1 if num_layers else quality.hidden_stride
     return Frame(
         size=(H, W),
@@ -209,15 +201,9 @@ def frame_of(
         radii=radii,
         reaches=reaches,
         layers=numbers,
-        windows=whole,
-        known=FillSlices(1, 0, whole, reaches, reaches),
-        invented=FillSlices(
-            stride=stride,
-            halvings=halvings,
-            windows=windows_at(halvings, coarse) if halvings else whole,
-            cells=of_coarse,
-            reaches=invented,
-        ),
+        windows=windows_at(0, spreads, numbers),
+        known=filling(1, 0, spreads, reaches),
+        invented=filling(stride, halvings, coarse, invented),
         edges=edges,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,

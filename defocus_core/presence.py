@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,6 +13,7 @@ from torch.nn.functional import pad
 from defocus_core.frame import Frame
 from defocus_core.halving import axes, halves
 from defocus_core.hidden import hidden_layer
+from defocus_core.patches import Patch, patches
 from defocus_core.ramps import without_ramps
 from defocus_core.resampling import cells_read
 from defocus_core.slicing import position
@@ -33,6 +35,20 @@ _EDGE = 1.5
 _SAME = 1e-3
 
 
+class _Around(NamedTuple):
+    """What the tiles of a frame see of a surface, at the resolution at which it is blurred.
+
+    Attributes:
+        blocks: [K, rows, columns] bool, where its rungs are.
+        tiles: Of the frame.
+        plan: For each of them the rungs that reach it.
+    """
+
+    blocks: Tensor
+    tiles: list[Box]
+    plan: list[list[int]]
+
+
 class Cover:
     """Where the slices of a surface are.
 
@@ -45,7 +61,7 @@ class Cover:
 
     def __init__(
         self,
-        plan: list[list[int]],
+        around: _Around,
         blocks: Tensor,
         stride: int,
         layer_of: list[int],
@@ -55,16 +71,16 @@ class Cover:
         """Nothing is tilted.
 
         Args:
-            plan: See above.
-            blocks: [K, rows, columns] bool, where every `stride`-th rung is.
+            around: What tiles see, at the resolution at which slices are blurred.
+            blocks: [K, rows, columns] bool, where every `stride`-th rung is in the frame.
             stride: In rungs.
             layer_of: See above.
             windows: See above.
             halvings: See above.
         """
-        self.plan, self.layer_of = plan, layer_of
-        self.windows, self.halvings = windows, halvings
-        self._blocks, self._stride = blocks, stride
+        self.plan = [[k * stride for k in some] for some in around.plan]
+        self.layer_of, self.windows, self.halvings = layer_of, windows, halvings
+        self._around, self._blocks, self._stride = around, blocks, stride
         self._found: dict[Box, list[Box | None]] = {}
         self._leaning: Tensor | None = None
         self._lowest = self._highest = torch.zeros(0)
@@ -78,6 +94,16 @@ class Cover:
             highest: The same of the greatest.
         """
         self._leaning, self._lowest, self._highest = leaning, lowest, highest
+
+    def patches(self, rungs: list[int], tiles: list[int]) -> list[Patch | None]:
+        """What tiles of the frame see of a layer, at the resolution at which it is blurred."""
+        window, (blocks, every, _) = self.windows[rungs[0]], self._around
+        margin = window.margin
+        if window.halvings:  # it is read between cells
+            margin = (margin + 2) << window.halvings
+        some = blocks[[k // self._stride for k in rungs]].any(0)
+        size = (some.shape[0] * BLOCK, some.shape[1] * BLOCK)
+        return patches(some, [every[i] for i in tiles], margin, size)
 
     def bounds(self, rung: int, box: Box) -> Box | None:
         """The rectangle in which a rung is, within one of the frame."""
@@ -142,8 +168,9 @@ class Presence:
         radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)
         blocks = self._blocks(radius, everywhere, step, 1, (H, W))
-        plan = self._tiles(blocks, frame.reaches, 1)
-        self.visible = Cover(plan, blocks.cpu(), 1, frame.layers, frame.windows)
+        tiles = frame.grid.tiles
+        around = _Around(blocks.cpu(), tiles, visible_slices(blocks, frame.reaches, tiles))
+        self.visible = Cover(around, blocks.cpu(), 1, frame.layers, frame.windows)
         if frame.tilted:  # lengths and radii shrink alike: slopes stay as they are
             lean = slopes(radius / step, frame.quality.least_slope)
             if lean is not None:
@@ -152,12 +179,12 @@ class Presence:
                 self.visible.lean(leaning.cpu(), lowest.cpu(), highest.cpu())
         fill = frame.invented
         self.behind, blocks = 0.0, blocks[:0]
-        plan = [[] for _ in frame.grid.tiles]
+        around = _Around(blocks, tiles, [[] for _ in tiles])
         if frame.edges:
             blocks = self._behind(signed_radius)
-            plan = self._tiles_behind(blocks)
+            around = self._around_behind(blocks)
         self.hidden = Cover(
-            plan, blocks.cpu(), fill.stride, fill.layers, fill.windows, fill.halvings
+            around, blocks.cpu(), fill.stride, fill.layers, fill.windows, fill.halvings
         )
 
     def _blocks(
@@ -168,23 +195,18 @@ class Presence:
         places = position(radius[some], radii)
         return blocks_at(places, torch.nonzero(some) * step, len(radii), size)
 
-    def _tiles(self, blocks: Tensor, reaches: list[int], stride: int) -> list[list[int]]:
-        """For each tile the rungs that reach it, numbered as in the whole ladder."""
-        found = visible_slices(blocks, reaches[::stride], self.frame.grid.tiles)
-        return [[k * stride for k in some] for some in found]
-
-    def _tiles_behind(self, blocks: Tensor) -> list[list[int]]:
-        """The same of what is invented, at the resolution at which it is blurred."""
-        fill, fine = self.frame.invented, axes(self.frame.size)
-        if not fill.halvings:
-            return self._tiles(blocks, fill.reaches, fill.stride)
-        wide = pad(blocks, (0, blocks.shape[2] % 2, 0, blocks.shape[1] % 2))
-        wide = wide[:, ::2] | wide[:, 1::2]
-        wide = wide[..., ::2] | wide[..., 1::2]
-        down, across = (halves(n, axis).axis for n, axis in zip(self.frame.size, fine, strict=True))
-        tiles = [cells_read(tile, fine, (down, across), 1) for tile in self.frame.grid.tiles]
-        found = visible_slices(wide, fill.cells[:: fill.stride], tiles)
-        return [[k * fill.stride for k in some] for some in found]
+    def _around_behind(self, blocks: Tensor) -> _Around:
+        """What tiles see of what is invented, of blocks of the frame that it is in."""
+        frame, fill = self.frame, self.frame.invented
+        tiles, fine = frame.grid.tiles, axes(frame.size)
+        if fill.halvings:
+            blocks = pad(blocks, (0, blocks.shape[2] % 2, 0, blocks.shape[1] % 2))
+            blocks = blocks[:, ::2] | blocks[:, 1::2]
+            blocks = blocks[..., ::2] | blocks[..., 1::2]
+            down, across = (halves(n, axis).axis for n, axis in zip(frame.size, fine, strict=True))
+            tiles = [cells_read(tile, fine, (down, across), 1) for tile in tiles]
+        plan = visible_slices(blocks, fill.cells[:: fill.stride], tiles)
+        return _Around(blocks.cpu(), tiles, plan)
 
     def _behind(self, signed_radius: Pixels) -> Tensor:
         """Blocks [K, rows, columns] in which what is invented has a rung, of those it uses.

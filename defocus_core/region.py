@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import share_in_frame
-from defocus_core.compositing import add_behind, is_full, pair_of, picture
+from defocus_core.compositing import add_behind, add_within, is_full, pair_of, picture
 from defocus_core.filling import Filling
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import Axis, axes
@@ -177,10 +177,11 @@ class Region:
         """What m parts of the aperture see of visible surfaces, [m, C + 1, h, w] per group."""
         found = []
         for layers, most in zip(self._blur.over_tile(self._visible, index), full, strict=True):
-            order = sorted(layers)
-            seen = torch.zeros_like(layers[order[0]])
-            for number in order:
-                seen = add_behind(seen, layers[number], most)
+            first = next(iter(layers.values())).layer
+            size = self._tiles[index][2:]
+            seen = first.new_zeros(*first.shape[:2], *size)
+            for number in sorted(layers):
+                seen = add_within(seen, *layers[number], most)
             found.append(seen)
         return found
 

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.halving import Axis, averaged
+from defocus_core.patches import Patch, patches
 from defocus_core.points import Points
 from defocus_core.slicing import membership
 from defocus_core.slopes import Planes
@@ -48,21 +49,27 @@ class Surface:
     """
 
     def __init__(
-        self, samples: Samples, reaches: list[int], grid: Grid, before: int, beyond: int
+        self,
+        samples: Samples,
+        reaches: list[int],
+        layers: list[int],
+        grid: Grid,
+        before: int,
+        beyond: int,
     ) -> None:
         """Plan the slices of a layer.
 
         Args:
             samples: The layer.
             reaches: Px that each rung spreads.
+            layers: For each rung the number of the layer that it adds up to.
             grid: The tiles, counted from the first sample.
             before: Px that windows extend above and to the left of tiles at most.
             beyond: Px that windows extend from there downwards and to the right at most.
         """
-        self._tiles = grid.tiles
-        self._rungs = count = len(reaches)
         H, W = samples.places.shape
         first, last = grid.tiles[0], grid.tiles[-1]
+        self._tiles, self._layers = grid.tiles, layers
         self._framed_box = Box(
             first.top - before,
             first.left - before,
@@ -70,6 +77,7 @@ class Surface:
             last.left - first.left + before + beyond,
         )
         exists = samples.layer[-1].detach() > 0
+        count = len(reaches)
         blocks = blocks_of(samples.places, count, None if bool(exists.all()) else exists)
         if len(samples.at):
             blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
@@ -86,7 +94,10 @@ class Surface:
                 self._planes = Planes(lowest.cpu(), highest.cpu(), self._blocks)
         self._layer = self._framed(samples.layer)
         self._places = self._framed(samples.places)
-        self._extra = Points(samples.at, samples.extra, samples.extra_places, (H, W))
+        self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
+        self._extra = None
+        if len(samples.at):
+            self._extra = Points(samples.at, samples.extra, samples.extra_places, layers, H)
 
     @cached_property
     def _extents(self) -> _Extents:
@@ -102,25 +113,38 @@ class Surface:
             some.seen_from(box).of(framed).copy_(some.of(values))
         return framed
 
-    def members(self, index: int, margin: int, size: tuple[int, int], rungs: list[int]) -> Tensor:
-        """Slices within a window around a tile, [k, C + 1, height, width].
+    def patches(self, number: int, margin: int) -> list[Patch | None]:
+        """What each tile sees of a layer that spreads over a margin."""
+        rungs = [rung for rung, other in enumerate(self._layers) if other == number]
+        height, width = self._samples.places.shape
+        return patches(self._blocks[rungs].any(0), self._tiles, margin, (height, width))
+
+    def members(self, rungs: range, window: Box, lit: Box) -> Tensor:
+        """Slices of one layer within a window, [C + 1, k, height, width].
 
         Args:
-            index: Of the tile.
-            margin: Px of the window above and to the left of the tile.
-            size: (height, width) of the window.
             rungs: Their numbers on the ladder.
+            window: Counted from the first sample.
+            lit: What is wanted of it. It begins where the layer does, or where the window does;
+                what follows after its end is left out.
         """
-        corner, window = self._window(index, margin, size)
-        numbers = torch.tensor(rungs, dtype=self._places.dtype, device=self._places.device)
-        shares = membership(window.of(self._places), numbers)
-        pixels = window.of(self._layer) * shares[:, None]
-        return self._extra.added(pixels, corner, rungs, self._rungs)
+        here = window.seen_from(self._framed_box)
+        shares = membership(here.of(self._places), self._ladder[rungs.start : rungs.stop])
+        ends = lit.seen_from(window).sides
+        below, beside = window.height - ends[0].end, window.width - ends[1].end
+        if below > 0:
+            shares[:, -below:] = 0
+        if beside > 0:
+            shares[..., -beside:] = 0
+        slices = here.of(self._layer)[:, None] * shares
+        if self._extra:
+            self._extra.add(slices, self._layers[rungs.start], rungs.start, window, lit)
+        return slices
 
-    def slopes(self, index: int, margin: int, size: tuple[int, int]) -> Tensor:
+    def slopes(self, window: Box) -> Tensor:
         """[2, height, width] within a window around a tile that has tilted slices."""
         assert self._slopes is not None
-        return self._window(index, margin, size)[1].of(self._slopes)
+        return window.seen_from(self._framed_box).of(self._slopes)
 
     def plane(self, rung: int, box: Box) -> tuple[float, float] | None:
         """The slope of a slice within a rectangle, if it is the same all over and no gradient.
@@ -169,7 +193,9 @@ class Surface:
             here = found.grown(0, cells)
             if here.height > 0 and here.width > 0:
                 here.seen_from(cells).of(result).add_(here.seen_from(found).of(pixels))
-        self._extra.averaged(result[0], rung, 1 << halvings, cells, middle)
+        if self._extra:
+            number = self._layers[rung]
+            self._extra.averaged(result[0], number, rung, 1 << halvings, cells, middle)
         return result
 
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
@@ -183,14 +209,6 @@ class Surface:
             if found.width:
                 aligned = _aligned(found._replace(top=band.top, height=0), step, middle)
                 yield band._replace(left=aligned.left, width=aligned.width).grown(0, frame)
-
-    def _window(
-        self, index: int, margin: int, size: tuple[int, int]
-    ) -> tuple[tuple[int, int], Box]:
-        """The corner of a window, counted from the first sample, and the window in the frame."""
-        tile = self._tiles[index]
-        y, x = tile.top - margin, tile.left - margin
-        return (y, x), Box(y, x, *size).seen_from(self._framed_box)
 
 
 class _Extents:

@@ -14,8 +14,9 @@ import torch
 from torch import Tensor
 
 from defocus_core.source import Pixels
+from defocus_core.spans import Span
 
-TILE = 128
+TILE = 192
 # Px on a side of the blocks in which the presence of slices is recorded.
 BLOCK = 16
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
@@ -33,6 +34,16 @@ class Box(NamedTuple):
     left: int
     height: int
     width: int
+
+    @classmethod
+    def over(cls, down: Span, across: Span) -> Box:
+        """The rectangle of some rows and columns."""
+        return cls(down.first, across.first, down.length, across.length)
+
+    @property
+    def sides(self) -> tuple[Span, Span]:
+        """Its rows and its columns."""
+        return Span(self.top, self.top + self.height), Span(self.left, self.left + self.width)
 
     def grown(self, by: int, within: Box) -> Box:
         """Larger by some px on all sides, cut to what there is."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture, Part
-from defocus_core.convolution import kernel_spectra, reach, transform_length
+from defocus_core.convolution import kernel_spectra, kernels, reach, transform_length
 
-# Sizes of a transform at reduced resolution: quarters of the largest.
+# Sizes of a transform: quarters of the largest.
 _SIZES = 4
 
 
@@ -33,18 +34,19 @@ class Spread(NamedTuple):
 
 @dataclass(frozen=True)
 class Window:
-    """The transform that slices of similar reach share.
+    """The transform that the slices of a layer share.
 
     Attributes:
         margin: Px around a tile that its slices reach at most; 0 if they are not blurred at all.
-        size: (height, width) of the transform; at reduced resolution the greatest there is.
+        size: (height, width) of the greatest transform that there is.
         halvings: How many times resolution is halved; margin and size are in px of the result.
         slices: Their numbers.
         radii: Of these in px, [k], float64.
         aperture: The pupil.
         parts: M parts of it.
         like: Of the dtype and device of the spectra.
-        cache: Spectra that were asked for.
+        kernels: Those that were asked for, by number and whether they lean.
+        spectra: Of these, by number, size, and whether they lean.
     """
 
     margin: int
@@ -55,7 +57,8 @@ class Window:
     aperture: Aperture
     parts: list[Part]
     like: Tensor
-    cache: dict[tuple[int, tuple[int, int], bool], Tensor]
+    kernels: dict[tuple[int, bool], Tensor]
+    spectra: dict[tuple[int, tuple[int, int], bool], Tensor]
 
     def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
         """Of the kernel of a slice: [M, 1, height, width // 2 + 1]."""
@@ -83,15 +86,20 @@ class Window:
         return height, width
 
     def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
-        """One by one: what is computed together could decide about last digits."""
         key = (number, size, leaning)
-        if key not in self.cache:
+        if key not in self.spectra:
+            kernel = self._kernel(number, leaning=leaning)
+            self.spectra[key] = kernel_spectra(kernel, size).unsqueeze(-3)
+        return self.spectra[key]
+
+    def _kernel(self, number: int, *, leaning: bool) -> Tensor:
+        """One by one: what is computed together could decide about last digits."""
+        key = (number, leaning)
+        if key not in self.kernels:
             radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
-            spectra = kernel_spectra(
-                radius, self.margin, size, self.aperture, self.parts, leaning=leaning
-            )
-            self.cache[key] = spectra[0].to(self.like).unsqueeze(-3)
-        return self.cache[key]
+            found = kernels(radius, self.margin, self.aperture, self.parts, leaning=leaning)
+            self.kernels[key] = found[0].to(self.like.real)
+        return self.kernels[key]
 
 
 def windows(
@@ -105,7 +113,7 @@ def windows(
     dtype: torch.dtype,
     device: torch.device,
 ) -> list[Window]:
-    """The window of each slice; slices of a layer share one.
+    """The window of each slice, one for each layer.
 
     Args:
         radii: Of the slices in px.
@@ -118,22 +126,45 @@ def windows(
         dtype: Of the pictures.
         device: Of the pictures.
     """
-    sharing: dict[tuple[int, int, int, bool], list[int]] = {}
+    sharing: dict[int, list[int]] = {}
     for k, number in enumerate(layers):
-        halvings = spreads[k].halvings
-        widest = max(spreads[j].cells for j, other in enumerate(layers) if other == number)
-        extents = [(n >> halvings) + 5 for n in region] if halvings else side
-        rows, columns = (transform_length(n + 2 * widest) for n in extents)
-        sharing.setdefault((rows, columns, halvings, widest == 0), []).append(k)
+        sharing.setdefault(number, []).append(k)
     precision = torch.complex128 if dtype == torch.float64 else torch.complex64
     like = torch.empty(0, dtype=precision, device=device)
     found: dict[int, Window] = {}
-    for (rows, columns, halvings, _), slices in sharing.items():
-        extent = max(spreads[k].cells for k in slices)
+    for slices in sharing.values():
+        extent, halvings = max(spreads[k].cells for k in slices), spreads[slices[0]].halvings
+        extents = [(n >> halvings) + 5 for n in region] if halvings else side
+        rows, columns = (transform_length(n + 2 * extent) for n in extents)
         some = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
-        window = Window(extent, (rows, columns), halvings, slices, some, aperture, parts, like, {})
+        window = Window(
+            extent, (rows, columns), halvings, slices, some, aperture, parts, like, {}, {}
+        )
         found.update(dict.fromkeys(slices, window))
     return [found[k] for k in range(len(radii))]
+
+
+def alike(layers: list[int], spreads: list[Spread], side: tuple[int, int]) -> list[int]:
+    """Neighbouring layers whose transforms are as large made one: for slices that all add up.
+
+    Args:
+        layers: The number of the layer of each slice.
+        spreads: How they are blurred, alike for all of a layer.
+        side: (height, width) of a tile in px.
+    """
+    widest: dict[int, int] = {}
+    for number, spread in zip(layers, spreads, strict=True):
+        widest[number] = max(widest.get(number, 0), spread.cells)
+    names = [
+        (
+            spread.halvings,
+            widest[number] == 0,
+            *(transform_length((n >> spread.halvings) + 2 * widest[number]) for n in side),
+        )
+        for number, spread in zip(layers, spreads, strict=True)
+    ]
+    other = [name != before for before, name in pairwise(names)]
+    return list(accumulate(other, initial=0))
 
 
 def spreads_of(

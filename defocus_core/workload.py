@@ -7,16 +7,14 @@ ones a region at once, within the rectangle that they cover.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 from defocus_core.frame import Frame
 from defocus_core.presence import Cover
+from defocus_core.spans import Span, least_transform
 from defocus_core.tiling import Box, Grid
-from defocus_core.windows import Window
 
 # Of these loads something is done for a region as a whole, and something for each of its tiles.
 _LOADS = ("calls", "averaged", "forward", "products", "inverse", "composited")
-_Span = tuple[int, int]
 
 
 class Workload:
@@ -42,89 +40,80 @@ class Workload:
 
     def add(self, grid: Grid, surfaces: list[Cover]) -> None:
         """A region that is not a copy, and its surfaces."""
-        reduced = 0.0
+        tiles, reduced = [self._number[tile] for tile in grid.tiles], 0.0
         for surface in surfaces:
-            plans = [surface.plan[self._number[tile]] for tile in grid.tiles]
-            self.done += sum(map(len, plans))
-            for i, tile in enumerate(grid.tiles):
-                self._add_tile(surface, tile, plans[i])
-            reduced += self._add_region(surface, grid, plans)
+            self.done += sum(len(surface.plan[i]) for i in tiles)
+            present = {k for i in tiles for k in surface.plan[i]}
+            for number in sorted({surface.layer_of[k] for k in present}):
+                rungs = sorted(k for k in present if surface.layer_of[k] == number)
+                self._add_tiles(surface, tiles, rungs)
+                if surface.windows[rungs[0]].halvings:
+                    reduced += self._add_reduced(surface, grid.box, rungs)
         self.reduced = max(self.reduced, reduced)
 
-    def _add_tile(self, surface: Cover, tile: Box, rungs: list[int]) -> None:
-        loads, area = self.of_tiles, tile.height * tile.width
-        for window, some in _by_window(surface.windows, rungs):
-            layers = len({surface.layer_of[k] for k in some})
-            loads["calls"] += layers
-            loads["composited"] += layers * area * self._parts
+    def _add_tiles(self, surface: Cover, tiles: list[int], rungs: list[int]) -> None:
+        """A layer, where tiles see it."""
+        loads, window = self.of_tiles, surface.windows[rungs[0]]
+        for i, patch in zip(tiles, surface.patches(rungs, tiles), strict=True):
+            some = [k for k in rungs if k in surface.plan[i]]
+            if not some or patch is None:
+                continue
             if window.halvings or surface.halvings:
                 self.read += len(some)
+            loads["calls"] += 1
+            loads["composited"] += patch.seen.height * patch.seen.width * self._parts
             if window.halvings:
                 continue
             loads["calls"] += 1 + len(some)
             if not window.margin:  # copied
                 continue
-            tilted, planar = surface.leaning(some, tile.around(window.margin))
-            self._learn(window.size, some, [*tilted, *planar])
+            box = self._frame.grid.tiles[i].around(window.margin)
+            tilted, planar = surface.leaning(some, box)
+            size = window.fitting(patch.least)
+            self._learn(size, some, [*tilted, *planar])
             loads["calls"] += 2 * len(tilted) + len(planar)
             terms = len(some) + 2 * len(tilted)
-            self._transformed(loads, window.size, terms, len(planar), layers)
+            self._transformed(loads, size, terms, len(planar))
 
-    def _add_region(self, surface: Cover, grid: Grid, plans: list[list[int]]) -> float:
-        """What is blurred at reduced resolution; returns the samples of its layers."""
-        frame, loads, held = self._frame, self.of_regions, 0.0
-        present = sorted({k for rungs in plans for k in rungs})
-        core = grid.box
+    def _add_reduced(self, surface: Cover, core: Box, rungs: list[int]) -> float:
+        """A layer that is blurred at reduced resolution; returns its samples."""
+        frame, loads, window = self._frame, self.of_regions, surface.windows[rungs[0]]
+        step, margin = 1 << window.halvings + surface.halvings, window.margin
         inner = core.grown(frame.farthest, frame.box)
-        for window, some in _by_window(surface.windows, present):
-            if not window.halvings:
-                continue
-            step, margin = 1 << window.halvings + surface.halvings, window.margin
-            around = [_grown(span, 1) for span in _cells(core, step, frame.size)]
-            for number in dict.fromkeys(surface.layer_of[k] for k in some):
-                rungs = [k for k in some if surface.layer_of[k] == number]
-                boxes = [box for k in rungs if (box := surface.bounds(k, inner))]
-                if not boxes:
-                    continue
-                lit = [
-                    _within(one, _grown(other, margin))
-                    for one, other in zip(
-                        _cells(_joined(boxes), step, frame.size), around, strict=True
-                    )
-                ]
-                seen = [
-                    _within(_grown(one, margin), other)
-                    for one, other in zip(lit, around, strict=True)
-                ]
-                if any(end <= first for first, end in (*lit, *seen)):
-                    continue
-                size = window.fitting(
-                    [
-                        max(there[1] - here[0], here[1] - there[0]) + margin
-                        for here, there in zip(lit, seen, strict=True)
-                    ]
-                )
-                tilted, planar = surface.leaning(rungs, core.around((margin + 3) * step))
-                self._learn(size, rungs, [*tilted, *planar])
-                terms = len(rungs) + 2 * len(tilted)
-                loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1
-                share = terms / len(rungs)
-                samples = sum(box.height * box.width for box in boxes)
-                loads["averaged"] += share * samples / 4**surface.halvings
-                self._transformed(loads, size, terms, len(planar), 1)
-                held += (seen[0][1] - seen[0][0]) * (seen[1][1] - seen[1][0]) * self._parts
-        return held
+        around = [span.grown(1) for span in _cells(core, step, frame.size)]
+        boxes = [box for k in rungs if (box := surface.bounds(k, inner))]
+        if not boxes:
+            return 0.0
+        lit = [
+            one.within(other.grown(margin))
+            for one, other in zip(_cells(_joined(boxes), step, frame.size), around, strict=True)
+        ]
+        seen = [one.grown(margin).within(other) for one, other in zip(lit, around, strict=True)]
+        if min(span.length for span in (*lit, *seen)) <= 0:
+            return 0.0
+        size = window.fitting(
+            [least_transform(here, there, margin) for here, there in zip(lit, seen, strict=True)]
+        )
+        tilted, planar = surface.leaning(rungs, core.around((margin + 3) * step))
+        self._learn(size, rungs, [*tilted, *planar])
+        terms = len(rungs) + 2 * len(tilted)
+        loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1
+        share = terms / len(rungs)
+        samples = sum(box.height * box.width for box in boxes)
+        loads["averaged"] += share * samples / 4**surface.halvings
+        self._transformed(loads, size, terms, len(planar))
+        return seen[0].length * seen[1].length * self._parts
 
     def _transformed(
-        self, loads: dict[str, float], size: tuple[int, int], terms: int, planar: int, results: int
+        self, loads: dict[str, float], size: tuple[int, int], terms: int, planar: int
     ) -> None:
-        """Transforms of a size; kernels of planes are tilted before they are multiplied."""
+        """Transforms of a layer; kernels of planes are tilted before they are multiplied."""
         area = size[0] * size[1]
         loads["forward"] += terms * area * math.log2(area)
         loads["products"] += (terms + 2 * planar / self._channels) * area * self._parts
-        loads["inverse"] += results * area * math.log2(area) * self._parts
+        loads["inverse"] += area * math.log2(area) * self._parts
         if loads is self.of_tiles:
-            self.widest = max(self.widest, (terms + results * self._parts) * area)
+            self.widest = max(self.widest, (terms + self._parts) * area)
 
     def _learn(self, size: tuple[int, int], rungs: list[int], leaning: list[int]) -> None:
         """Spectra of kernels, which are made once."""
@@ -145,15 +134,6 @@ class Workload:
         return work, kept, most
 
 
-def _by_window(windows: list[Window], rungs: list[int]) -> Iterator[tuple[Window, list[int]]]:
-    """The rungs that share each window."""
-    found: dict[int, list[int]] = {}
-    for k in rungs:
-        found.setdefault(id(windows[k]), []).append(k)
-    for some in found.values():
-        yield windows[some[0]], some
-
-
 def _joined(boxes: list[Box]) -> Box:
     """The rectangle that holds some others."""
     top, left = min(box.top for box in boxes), min(box.left for box in boxes)
@@ -162,21 +142,13 @@ def _joined(boxes: list[Box]) -> Box:
     return Box(top, left, below - top, beside - left)
 
 
-def _cells(box: Box, step: int, size: tuple[int, int]) -> list[_Span]:
+def _cells(box: Box, step: int, size: tuple[int, int]) -> list[Span]:
     """The cells of a frame of some size between which pixels lie, along both axes."""
     found = []
-    for n, start, length in zip(size, box[:2], box[2:], strict=True):
+    for n, side in zip(size, box.sides, strict=True):
         offset = (1 - n % 2) / 2
         first, last = (
-            math.floor((at - n // 2 + offset) / step - offset) for at in (start, start + length - 1)
+            math.floor((at - n // 2 + offset) / step - offset) for at in (side.first, side.end - 1)
         )
-        found.append((first, last + 2))
+        found.append(Span(first, last + 2))
     return found
-
-
-def _grown(span: _Span, by: int) -> _Span:
-    return span[0] - by, span[1] + by
-
-
-def _within(one: _Span, other: _Span) -> _Span:
-    return max(one[0], other[0]), min(one[1], other[1])

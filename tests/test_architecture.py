@@ -42,6 +42,7 @@ LAYERS = [
         "aperture",
         "halving",
         "metrics",
+        "patches",
         "probes",
         "quality",
         "ranks",
@@ -52,7 +53,7 @@ LAYERS = [
         "threads",
     },
     {"tiling"},
-    {"source"},
+    {"source", "spans"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}
 CORE_MAY_USE = {"torch", "defocus_core", *sys.stdlib_module_names}

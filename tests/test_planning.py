@@ -14,6 +14,7 @@ from defocus_core.convolution import crop_inverse, kernel_spectra
 from defocus_core.planning import BYTES, LOADS, Plan, plan
 from defocus_core.quality import find
 from defocus_core.scenery import KINDS, scenery
+from defocus_core.tiling import Box
 
 COUNTS = ("slices", "tiles", "slice_tiles", "slice_tiles_done", "tiles_with_hidden")
 SIZE = (200, 300)
@@ -103,7 +104,7 @@ def test_what_is_transformed_back_is_planned(
     planned = plan(radius, image=image, quality=quality)
     found = []
 
-    def counted(spectrum: Tensor, window: tuple[int, int], box: tuple[int, int, int, int]) -> Any:
+    def counted(spectrum: Tensor, window: tuple[int, int], box: Box) -> Any:
         area = math.prod(window)
         found.append(math.prod(spectrum.shape[:-2]) * area * math.log2(area))
         return crop_inverse(spectrum, window, box)
@@ -118,9 +119,9 @@ def test_spectra_of_kernels_are_planned_as_they_are_made(monkeypatch: pytest.Mon
     image, radius = scenery("cards", *SIZE, 60.0)
     found = []
 
-    def counted(radii: Tensor, *settings: Any, leaning: bool) -> Tensor:
-        spectra = kernel_spectra(radii, *settings, leaning=leaning)
-        found.append(spectra.shape[:-1].numel() * settings[1][1])
+    def counted(kernels: Tensor, size: tuple[int, int]) -> Tensor:
+        spectra = kernel_spectra(kernels, size)
+        found.append(spectra.shape[:-1].numel() * size[1])
         return spectra
 
     monkeypatch.setattr(windows, "kernel_spectra", counted)

@@ -97,7 +97,7 @@ def test_a_plan_needs_no_more_than_windows() -> None:
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor"])
-@pytest.mark.parametrize("tile", [48, 80, 256])
+@pytest.mark.parametrize("tile", [48, 80, 320])
 def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: int) -> None:
     image, radius = scenery(kind, 300, 350, 8.0)
     usual = render(image, radius, left_right=True)
