@@ -279,11 +279,11 @@ def test_where_a_gpu_runs_out_of_memory_tiles_get_smaller(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     args = (*pair(tmp_path), "--json")
-    render(*args, "-o", tmp_path / "a", "--tile", "32")
-    tried = out_of_memory(monkeypatch, fits=32)
+    render(*args, "-o", tmp_path / "a", "--tile", "48")
+    tried = out_of_memory(monkeypatch, fits=48)
     (done,) = render(*args, "-o", tmp_path / "b").json["pictures"]
-    assert tried == [(128, None), (128, 1), (64, 1), (32, 1)]
-    assert "tiles of 32 px" in done["warnings"][0]
+    assert tried == [(192, None), (192, 1), (96, 1), (48, 1)]
+    assert "tiles of 48 px" in done["warnings"][0]
     assert files(tmp_path / "a") == files(tmp_path / "b")
 
 

@@ -41,7 +41,7 @@ def test_a_backward_pass_keeps_little_and_finds_the_same(monkeypatch: pytest.Mon
 
 
 def test_progress_ends_with_the_picture() -> None:
-    image, radius = torch.rand(3, 40, 150, requires_grad=True), torch.full((40, 150), 3.0)
+    image, radius = torch.rand(3, 40, 210, requires_grad=True), torch.full((40, 210), 3.0)
     told: list[tuple[int, int]] = []
     o = render(image, radius, progress=lambda *counts: told.append(counts))
     o.render.sum().backward()
