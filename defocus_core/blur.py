@@ -11,9 +11,13 @@ from defocus_core.convolution import crop_inverse, sum_of_products
 from defocus_core.halving import Axis
 from defocus_core.patches import Patch
 from defocus_core.reduced import Reduced
+from defocus_core.shifts import NEAR
 from defocus_core.surface import Samples, Surface
 from defocus_core.tiling import Box, Grid
 from defocus_core.windows import Window
+
+# Centroids less far than this from the middle of the lens are there.
+_NOWHERE = 1e-3
 
 
 class Piece(NamedTuple):
@@ -72,6 +76,7 @@ class Blur:
         grid: Grid,
         groups: list[slice],
         middle: tuple[Axis, Axis],
+        centroids: list[tuple[float, float]] | None = None,
     ) -> None:
         """Keep what all surfaces share.
 
@@ -82,7 +87,9 @@ class Blur:
             groups: Of the parts of the aperture: each is computed as if it were alone, to the
                 last bit.
             middle: Of the frame, counted from the first sample of a surface.
+            centroids: Of the parts, if their shifts of less than a pixel are to be made up for.
         """
+        self._centroids = [(centroids or [])[group] for group in groups]
         self._windows = windows
         self._reaches = reaches
         self._grid = grid
@@ -140,7 +147,8 @@ class Blur:
                 shown[number] = found
         for piece in sliced.pieces[index]:
             made = self._blurred(sliced, piece, index) if piece.window.margin else None
-            shown[piece.number] = piece.patch.seen, made or self._sharp(sliced, piece)
+            made = self._shifted(made or self._sharp(sliced, piece), sliced, piece)
+            shown[piece.number] = piece.patch.seen, made
         return [
             {number: Shown(box.seen_from(tile), some[i]) for number, (box, some) in shown.items()}
             for i in range(len(self._groups))
@@ -178,3 +186,17 @@ class Blur:
         box = piece.patch.seen
         pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
         return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]
+
+    def _shifted(self, layers: list[Tensor], sliced: Sliced, piece: Piece) -> list[Tensor]:
+        """The same with what shifts of less than a pixel add to slices near focus."""
+        if piece.window.radii.abs().amin() >= NEAR:
+            return layers
+        found = []
+        for layer, centroids in zip(layers, self._centroids, strict=True):
+            moved = [max(map(abs, centroid)) > _NOWHERE for centroid in centroids]
+            shift = sliced.surface.shifted(piece.rungs, piece.patch.seen) if any(moved) else None
+            if shift is not None:
+                by = torch.einsum("md,dchw->mchw", shift.new_tensor(centroids), shift)
+                layer = torch.cat([layer[:, :-1] + by, layer[:, -1:]], 1)
+            found.append(layer)
+        return found

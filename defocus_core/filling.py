@@ -58,7 +58,7 @@ class Filling:
         places = torch.zeros_like(radius).flatten().index_copy(0, index, found)
         places = places.reshape(radius.shape)
         nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
-        samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None)
+        samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None, None)
         self._tiles = grid.seen_from(inner)
         tiles = self._tiles
         if slices.halvings:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import torch
 
-from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
+from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, centroid, part_area, parts
 from defocus_core.convolution import reach
 from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
@@ -58,6 +58,7 @@ class Frame:
         centre: How many are the centre's.
         groups: The same as slices of the parts.
         weights: The share of the aperture that each part is.
+        centroids: Of the parts, in lens coordinates.
         left_right: Whether left and right are wanted.
         signed: Whether pixels are negative (colours outside the gamut).
         dtype: To compute in.
@@ -83,6 +84,7 @@ class Frame:
     centre: int
     groups: list[slice]
     weights: list[float]
+    centroids: list[tuple[float, float]]
     left_right: bool
     signed: bool
     dtype: torch.dtype
@@ -194,6 +196,7 @@ def frame_of(
         centre=centre,
         groups=groups,
         weights=[part_area(aperture, part) for part in cells],
+        centroids=[centroid(aperture, part) for part in cells],
         left_right=left_right,
         signed=seen.darkest < 0,
         dtype=dtype,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core import shifts, slopes
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import share_in_frame
@@ -20,7 +21,6 @@ from defocus_core.hidden import STEP, Behind, HiddenLayer, hidden_layer
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import Unmixed, unmixed, whole
 from defocus_core.slicing import position
-from defocus_core.slopes import AROUND, slopes
 from defocus_core.source import Pixels
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
@@ -62,6 +62,7 @@ class Region:
             grid.seen_from(inner),
             frame.groups,
             axes(frame.size, inner.top, inner.left),
+            frame.centroids,
         )
 
         pixels, signed_radius = (
@@ -106,20 +107,26 @@ class Region:
     def _in_front(self, own: Unmixed, signed_radius: Tensor) -> Sliced:
         """The visible surfaces."""
         frame, inside = self._frame, self._inside
-        around = inside.grown(AROUND, Box(0, 0, *signed_radius.shape))
-        lean = None
+        around = inside.grown(max(slopes.AROUND, shifts.AROUND), Box(0, 0, *signed_radius.shape))
+        inner, radius = inside.seen_from(around), around.of(signed_radius)
+        places = position(radius, frame.radii)
+        lean = shift = None
         if frame.tilted:
-            lean = slopes(around.of(signed_radius), frame.quality.least_slope)
-        fringe = own.fringe
+            lean = slopes.slopes(radius, frame.quality.least_slope)
+        if len(frame.parts) > 1:
+            table = shifts.apparent_radii(frame.radii, frame.aperture)
+            shift = shifts.missing_shift(around.of(own.color), radius, places, table)
+        fringe, coverage = own.fringe, inside.of(own.coverage)
         at = fringe.at - fringe.at.new_tensor([inside.top, inside.left])
         here = (at >= 0).all(1) & (at[:, 0] < inside.height) & (at[:, 1] < inside.width)
         samples = Samples(
-            torch.cat([inside.of(own.color) * inside.of(own.coverage), inside.of(own.coverage)]),
-            position(inside.of(signed_radius), frame.radii),
+            torch.cat([inside.of(own.color) * coverage, coverage]),
+            inner.of(places),
             at[here],
             fringe.layer[here],
             position(fringe.signed_radius[here], frame.radii),
-            None if lean is None else inside.seen_from(around).of(lean),
+            None if lean is None else inner.of(lean),
+            None if shift is None else inner.of(shift) * coverage,
         )
         return self._blur.sliced(samples, 1, frame.layers)
 

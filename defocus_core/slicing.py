@@ -17,7 +17,7 @@ from defocus_core.quality import QUALITIES, Quality, find
 
 # Radii in px up to which a pixel is in focus, its disc being much narrower than the pixel; and up
 # to which it is less blurred than it should be, so that shares have no step.
-SHARP, _SOFT = 0.15, 0.25
+SHARP, SOFT = 0.15, 0.25
 # Radii in px below which each slice occludes for itself.
 _ALONE = 2.0
 
@@ -142,18 +142,18 @@ def _pieces(radii: tuple[float, ...]) -> list[_Piece]:
             continue
         a = 1 / square if square else 0.0
         whole = _Piece(rung, high, a, 0.0, -a * low * low)
-        sharp = [] if min(abs(low), abs(high)) or max(-low, high) < 2 * _SOFT else _sharp(whole)
+        sharp = [] if min(abs(low), abs(high)) or max(-low, high) < 2 * SOFT else _sharp(whole)
         found += [*sharp, whole] if high > 0 else [whole, *sharp]
         if sharp and high == 0:
-            found[-3] = whole._replace(end=-_SOFT)
+            found[-3] = whole._replace(end=-SOFT)
     return found
 
 
 def _sharp(whole: _Piece) -> list[_Piece]:
-    """What stands for a piece next to focus from 0 to SHARP, and from there to _SOFT."""
-    k = whole.a * (_SOFT / (_SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
+    """What stands for a piece next to focus from 0 to SHARP, and from there to SOFT."""
+    k = whole.a * (SOFT / (SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
     if whole.end > 0:
-        between = _Piece(whole.rung, _SOFT, k, -2 * k * SHARP, k * SHARP**2)
+        between = _Piece(whole.rung, SOFT, k, -2 * k * SHARP, k * SHARP**2)
         return [_Piece(whole.rung, SHARP, 0.0, 0.0, 0.0), between]
     between = _Piece(whole.rung, -SHARP, k, 2 * k * SHARP, 1 + k * SHARP**2)
     return [between, _Piece(whole.rung, 0.0, 0.0, 0.0, 1.0)]

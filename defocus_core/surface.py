@@ -30,6 +30,8 @@ class Samples(NamedTuple):
         extra: [n, C + 1] further samples: parts of nearer surfaces in the same pixels.
         extra_places: [n] their positions.
         slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
+        shift: [2, C, H, W] what parts of the aperture add to colours per unit of their centroid,
+            x and y; None if nothing.
     """
 
     layer: Tensor
@@ -38,6 +40,7 @@ class Samples(NamedTuple):
     extra: Tensor
     extra_places: Tensor
     slopes: Tensor | None
+    shift: Tensor | None
 
 
 class Surface:
@@ -140,6 +143,13 @@ class Surface:
         if self._extra:
             self._extra.add(slices, self._layers[rungs.start], rungs.start, window, lit)
         return slices
+
+    def shifted(self, rungs: range, box: Box) -> Tensor | None:
+        """What parts of the aperture add to slices of a layer, [2, C, h, w]; None if nothing."""
+        if self._samples.shift is None:
+            return None
+        shares = membership(box.of(self._samples.places), self._ladder[rungs.start : rungs.stop])
+        return box.of(self._samples.shift) * shares.sum(0)
 
     def slopes(self, window: Box) -> Tensor:
         """[2, height, width] within a window around a tile that has tilted slices."""

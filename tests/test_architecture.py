@@ -24,7 +24,7 @@ LAYERS = [
     {"baselines", "copying", "presence", "region", "workload"},
     {"filling"},
     {"blur", "frame"},
-    {"borders", "reduced"},
+    {"borders", "reduced", "shifts"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "survey"},
     {"continuation", "transport", "view"},

@@ -1,0 +1,86 @@
+"""Shifts of less than a pixel: how parts of the aperture see what is near focus.
+
+A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
+of this: kernels sampled by area know no shift within a pixel, and shares in two slices keep the
+second moment of a blur, not its first. What is missing is made up for to first order, by the
+gradient of the surface's own colours (Taylor): it changes no coverage, and as the centroids of the
+parts add up to nothing, it does not change the whole either.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from defocus_core.aperture import LEFT, Aperture, centroid, kernel
+from defocus_core.slicing import SHARP, SOFT
+
+# Radii in px below which shifts are made up for; beyond, what is missing is less than 0.03 px.
+NEAR = 2.0
+# Px around a pixel that decide the gradient of its colours.
+AROUND = 2
+# Neighbours whose radii differ by less, in px, are of the same surface.
+_SAME = 0.5
+
+
+def apparent_radii(radii: tuple[float, ...], aperture: Aperture) -> Tensor:
+    """The radii [K] px that slices seem to have by the shift of their halves."""
+    whole = centroid(aperture, LEFT)[0]
+    found = []
+    for r in radii:
+        if abs(r) >= NEAR:
+            found.append(r)
+            continue
+        extent = math.ceil(NEAR)
+        halved = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, LEFT)
+        offset = torch.arange(-extent, extent + 1, dtype=halved.dtype)
+        found.append(float((halved.sum(0) * offset).sum()) / whole)
+    return torch.tensor(found, dtype=torch.float64)
+
+
+def missing_shift(
+    color: Tensor, signed_radius: Tensor, places: Tensor, apparent: Tensor
+) -> Tensor | None:
+    """What a part of the aperture adds to colours per unit of its centroid, along x and along y.
+
+    Args:
+        color: [C, H, W] of the visible surfaces.
+        signed_radius: [H, W] px.
+        places: [H, W] positions on the ladder of slices.
+        apparent: [K] px, from `apparent_radii`.
+
+    Returns:
+        [2, C, H, W]; None if nothing is near focus.
+    """
+    size = signed_radius.abs()
+    near = (size < NEAR) & (size > SHARP)
+    if not bool(near.any()):
+        return None
+    lower = places.detach().floor().clamp(max=max(len(apparent) - 2, 0))
+    share, number = places - lower, lower.long().flatten()
+    table = apparent.to(places)
+    here, other = (
+        table.index_select(0, (number + i).clamp(max=len(table) - 1)).view_as(places)
+        for i in (0, 1)
+    )
+    # as positions do, it begins between SHARP and SOFT
+    wanted = signed_radius * ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
+    missing = wanted - torch.lerp(here, other, share)
+    return torch.stack([_slope(color, signed_radius, dim) for dim in (-1, -2)]) * -missing
+
+
+def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
+    """The derivative [C, H, W] within each surface: of fourth order, of first at its ends."""
+    n = signed_radius.shape[dim]
+    if n == 1:
+        return torch.zeros_like(color)
+    same = signed_radius.detach().diff(dim=dim).abs() < _SAME
+    step = color.diff(dim=dim) * same
+    none, nowhere = (torch.zeros_like(x.narrow(dim, 0, 1)) for x in (step, same))
+    steps = torch.cat([none, none, step, none, none], dim)
+    some = torch.cat([nowhere, nowhere, same, nowhere, nowhere], dim)
+    (a, b, c, d), (p, q, r, t) = ([x.narrow(dim, i, n) for i in range(4)] for x in (steps, some))
+    plain = (b + c) / (q.to(color) + r).clamp(min=1)
+    return torch.where(p & q & r & t, (7 * (b + c) - a - d) / 12, plain)
