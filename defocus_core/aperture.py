@@ -78,8 +78,6 @@ _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
 _LEAST_PART = 1e-3
 # Pixels across the pupil with which the weight of a part of a gaussian pupil is summed.
 _WEIGHING_RADIUS = 256.0
-# The same with which its centroid is.
-_CENTROID_RADIUS = 48.0
 
 
 def kernel(
@@ -144,16 +142,6 @@ def part_area(aperture: Aperture, part: Part) -> float:
     if aperture.psf_type == "gaussian":
         return _weight(aperture, part) / _weight(aperture, FULL)
     return _part_area(aperture, part) / _part_area(aperture, FULL)
-
-
-@lru_cache(maxsize=256)
-def centroid(aperture: Aperture, part: Part) -> tuple[float, float]:
-    """The mean lens point (u.x, u.y) of a part of the pupil, to about 1e-4."""
-    extent = int(_CENTROID_RADIUS) + 1
-    radius = torch.tensor(_CENTROID_RADIUS, dtype=torch.float64)
-    shares = kernel(radius, 2 * extent + 1, aperture, part)
-    offset = torch.arange(-extent, extent + 1, dtype=shares.dtype) / radius
-    return float((shares.sum(0) * offset).sum()), float((shares.sum(1) * offset).sum())
 
 
 def area_within(aperture: Aperture, part: Part, x: Tensor, y: Tensor) -> Tensor:

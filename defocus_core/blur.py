@@ -16,9 +16,6 @@ from defocus_core.surface import Samples, Surface
 from defocus_core.tiling import Box, Grid
 from defocus_core.windows import Window
 
-# Centroids less far than this from the middle of the lens are there.
-_NOWHERE = 1e-3
-
 
 class Piece(NamedTuple):
     """What a tile sees of a layer at full resolution.
@@ -42,10 +39,12 @@ class Shown(NamedTuple):
     Attributes:
         box: Counted from the corner of the tile.
         layer: [m, C + 1, h, w].
+        moved: [m, C, h, w] what shifts of less than a pixel add to its colours; None if nothing.
     """
 
     box: Box
     layer: Tensor
+    moved: Tensor | None
 
 
 class Sliced(NamedTuple):
@@ -87,9 +86,9 @@ class Blur:
             groups: Of the parts of the aperture: each is computed as if it were alone, to the
                 last bit.
             middle: Of the frame, counted from the first sample of a surface.
-            centroids: Of the parts, if their shifts of less than a pixel are to be made up for.
+            centroids: Of the parts of the last group, whose shifts of less than a pixel are wanted.
         """
-        self._centroids = [(centroids or [])[group] for group in groups]
+        self._centroids = centroids
         self._windows = windows
         self._reaches = reaches
         self._grid = grid
@@ -140,19 +139,20 @@ class Blur:
             For each group of m parts the layers by number.
         """
         tile = self._grid.tiles[index]
-        shown: dict[int, tuple[Box, list[Tensor]]] = {}
+        shown: list[dict[int, Shown]] = [{} for _ in self._groups]
         for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
-            found = sliced.reduced[number].over(tile) if number in sliced.reduced else None
-            if found:
-                shown[number] = found
+            if number in sliced.reduced and (found := sliced.reduced[number].over(tile)):
+                box = found[0].seen_from(tile)
+                for some, layer in zip(shown, found[1], strict=True):
+                    some[number] = Shown(box, layer, None)
         for piece in sliced.pieces[index]:
             made = self._blurred(sliced, piece, index) if piece.window.margin else None
-            made = self._shifted(made or self._sharp(sliced, piece), sliced, piece)
-            shown[piece.number] = piece.patch.seen, made
-        return [
-            {number: Shown(box.seen_from(tile), some[i]) for number, (box, some) in shown.items()}
-            for i in range(len(self._groups))
-        ]
+            box = piece.patch.seen.seen_from(tile)
+            for some, layer in zip(shown, made or self._sharp(sliced, piece), strict=True):
+                some[piece.number] = Shown(box, layer, None)
+            last = shown[-1][piece.number]
+            shown[-1][piece.number] = last._replace(moved=self._moved(sliced.surface, piece))
+        return shown
 
     def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
         """A layer where it shows, for each group of m parts: [m, C + 1, h, w]."""
@@ -187,16 +187,11 @@ class Blur:
         pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
         return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]
 
-    def _shifted(self, layers: list[Tensor], sliced: Sliced, piece: Piece) -> list[Tensor]:
-        """The same with what shifts of less than a pixel add to slices near focus."""
-        if piece.window.radii.abs().amin() >= NEAR:
-            return layers
-        found = []
-        for layer, centroids in zip(layers, self._centroids, strict=True):
-            moved = [max(map(abs, centroid)) > _NOWHERE for centroid in centroids]
-            shift = sliced.surface.shifted(piece.rungs, piece.patch.seen) if any(moved) else None
-            if shift is not None:
-                by = torch.einsum("md,dchw->mchw", shift.new_tensor(centroids), shift)
-                layer = torch.cat([layer[:, :-1] + by, layer[:, -1:]], 1)
-            found.append(layer)
-        return found
+    def _moved(self, surface: Surface, piece: Piece) -> Tensor | None:
+        """What shifts of less than a pixel add to the colours of a layer near focus."""
+        if self._centroids is None or float(piece.window.radii.abs().amin()) >= NEAR:
+            return None
+        shift = surface.shift(piece.rungs, piece.patch.seen)
+        if shift is None:
+            return None
+        return torch.einsum("md,dchw->mchw", shift.new_tensor(self._centroids), shift)

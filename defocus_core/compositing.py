@@ -28,17 +28,19 @@ _FULL = 8
 _EQUAL = 1e-6
 
 
-def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
-    """Add a layer behind what the parts of the aperture have seen so far.
+def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+    """The share of a layer that shows behind what the parts of the aperture have seen so far.
 
     The layer adds min(1, (1 - A) / a) of itself, where A is what is covered and a its coverage:
     A grows by min(a, 1 - A). Where a is negative, by rounding or by overshoot, nothing is there.
 
     Args:
-        seen: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1]. Not
-            changed where a gradient is wanted, else overwritten by the result.
+        seen: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1].
         layer: The same of the layer.
         full: What is covered at most, if not the whole part.
+
+    Returns:
+        [M, 1, h, w].
     """
     left, coverage = (full - seen[:, -1:]).clamp_(min=0), layer[:, -1:]
     some = torch.minimum(left, coverage * _SOME).clamp_(min=0)
@@ -46,31 +48,36 @@ def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tenso
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
         share = torch.where(certain, share, share.detach())
-        return seen.addcmul(layer, share)
-    return seen.addcmul_(layer, share)
+    return share
 
 
-def add_within(seen: Tensor, box: Box, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
-    """Add a layer behind that is 0 outside of a rectangle.
+def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+    """Add a layer behind what the parts of the aperture have seen so far.
 
     Args:
-        seen: [M, C + 1, H, W], as above.
-        box: The rectangle.
-        layer: [M, C + 1, h, w], what it holds.
+        seen: As above. Not changed where a gradient is wanted, else overwritten by the result.
+        layer: As above.
         full: As above.
     """
-    if torch.is_grad_enabled():
-        return add_behind(seen, spread_over(box, layer, seen), full)
-    most = box.of(full) if isinstance(full, Tensor) else full
-    add_behind(box.of(seen), layer, most)
-    return seen
+    share = share_behind(seen, layer, full)
+    return seen.addcmul(layer, share) if torch.is_grad_enabled() else seen.addcmul_(layer, share)
 
 
-def spread_over(box: Box, layer: Tensor, like: Tensor) -> Tensor:
-    """A layer [M, C + 1, h, w] that is 0 outside of a rectangle, where `like` is [..., H, W]."""
-    H, W = like.shape[-2:]
+def add_within(total: Tensor, box: Box, some: Tensor, share: Tensor | None = None) -> Tensor:
+    """Add to [M, C, H, W] what is but within a rectangle, [M, C, h, w], or a share of that.
+
+    The total is not changed where a gradient is wanted, else overwritten by the result.
+    """
+    if not torch.is_grad_enabled():
+        here = box.of(total)
+        here.add_(some) if share is None else here.addcmul_(some, share)
+        return total
+    H, W = total.shape[-2:]
     ends = W - box.left - box.width, H - box.top - box.height
-    return pad(layer, (box.left, ends[0], box.top, ends[1]))
+    around = (box.left, ends[0], box.top, ends[1])
+    if share is None:
+        return total + pad(some, around)
+    return total.addcmul(pad(some, around), pad(share, around))
 
 
 def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
@@ -99,10 +106,7 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
     for box, layer in layers:
         if total is None:
             total = layer.new_zeros(*layer.shape[:2], *size)
-        if torch.is_grad_enabled():
-            total = total + spread_over(box, layer, total)
-        else:
-            box.of(total).add_(layer)
+        total = add_within(total, box, layer)
     return total
 
 

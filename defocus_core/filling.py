@@ -76,7 +76,8 @@ class Filling:
         tile, cells = self._tiles.tiles[index], self._cells_of[index]
         size = cells.height, cells.width
         found = [
-            summed(layers.values(), size) for layers in self._blur.over_tile(self._sliced, index)
+            summed(((some.box, some.layer) for some in layers.values()), size)
+            for layers in self._blur.over_tile(self._sliced, index)
         ]
         if not self.halvings:
             return found

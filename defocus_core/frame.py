@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import torch
 
-from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, centroid, part_area, parts
+from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
 from defocus_core.convolution import reach
 from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
+from defocus_core.shifts import centroid
 from defocus_core.slicing import SHARP, evenly, layers, rungs
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey

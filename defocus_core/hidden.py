@@ -21,7 +21,7 @@ from defocus_core.sheets import Level, coarser, pixels_of
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 from defocus_core.transport import FARTHEST, transported
-from defocus_core.view import View, half_view, whole_view
+from defocus_core.view import View, half_view, in_cells, in_pixels, whole_view
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
@@ -148,6 +148,29 @@ def hidden_layer(
     mask = behind & (radius.detach() > near + STEP)
     inner = wanted.seen_from(around)
     return HiddenLayer(*map(inner.of, (color, radius, mask)))
+
+
+def told_apart(
+    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
+) -> tuple[HiddenLayer, HiddenLayer]:
+    """What of a known layer is hidden, and what of an invented one is needed besides.
+
+    Args:
+        known: [H, W] px.
+        hidden: The same, or at half of the resolution.
+        middle: Of the frame, in px.
+    """
+    size = (known.mask.shape[0], known.mask.shape[1])
+    halved = hidden.mask.shape != known.mask.shape
+    mask, radius = hidden.mask, hidden.signed_radius
+    if halved:
+        mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
+        radius = in_pixels(radius.detach(), size, middle)
+    farther = radius > known.signed_radius + STEP
+    needed = mask & (~known.mask | farther)
+    if halved:
+        needed = hidden.mask & in_cells(needed, middle)
+    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)
 
 
 def _seen_coarsely(

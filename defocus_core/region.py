@@ -9,22 +9,27 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core import shifts, slopes
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import share_in_frame
-from defocus_core.compositing import add_behind, add_within, is_full, pair_of, picture
+from defocus_core.compositing import add_behind, add_within, is_full, pair_of, picture, share_behind
 from defocus_core.filling import Filling
 from defocus_core.frame import FillSlices, Frame
-from defocus_core.halving import Axis, axes
-from defocus_core.hidden import STEP, Behind, HiddenLayer, hidden_layer
+from defocus_core.halving import axes
+from defocus_core.hidden import Behind, HiddenLayer, hidden_layer, told_apart
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import Unmixed, unmixed, whole
+from defocus_core.shifts import AROUND as AROUND_SHIFTS
+from defocus_core.shifts import apparent_radii, missing_shift
 from defocus_core.slicing import position
+from defocus_core.slopes import AROUND as AROUND_SLOPES
+from defocus_core.slopes import slopes
 from defocus_core.source import Pixels
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
-from defocus_core.view import in_cells, in_pixels
+
+# Px around a pixel that decide how it is tilted, and the gradient of its colours.
+_AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
 
 
 class Region:
@@ -62,7 +67,7 @@ class Region:
             grid.seen_from(inner),
             frame.groups,
             axes(frame.size, inner.top, inner.left),
-            frame.centroids,
+            frame.centroids[frame.groups[-1]],
         )
 
         pixels, signed_radius = (
@@ -87,7 +92,7 @@ class Region:
             )
             if hidden is not None and behind is not None:
                 known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
-                known, hidden = _told_apart(known, hidden, axes(frame.size, inner.top, inner.left))
+                known, hidden = told_apart(known, hidden, axes(frame.size, inner.top, inner.left))
                 self._known = self._filling(known, frame.known)
             if hidden is not None:
                 self._invented = self._filling(hidden, frame.invented)
@@ -107,15 +112,15 @@ class Region:
     def _in_front(self, own: Unmixed, signed_radius: Tensor) -> Sliced:
         """The visible surfaces."""
         frame, inside = self._frame, self._inside
-        around = inside.grown(max(slopes.AROUND, shifts.AROUND), Box(0, 0, *signed_radius.shape))
+        around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
         places = position(radius, frame.radii)
         lean = shift = None
         if frame.tilted:
-            lean = slopes.slopes(radius, frame.quality.least_slope)
-        if len(frame.parts) > 1:
-            table = shifts.apparent_radii(frame.radii, frame.aperture)
-            shift = shifts.missing_shift(around.of(own.color), radius, places, table)
+            lean = slopes(radius, frame.quality.least_slope)
+        if frame.left_right and frame.sharp is not None:
+            table = apparent_radii(frame.radii, frame.aperture)
+            shift = missing_shift(around.of(own.color), radius, places, table)
         fringe, coverage = own.fringe, inside.of(own.coverage)
         at = fringe.at - fringe.at.new_tensor([inside.top, inside.left])
         here = (at >= 0).all(1) & (at[:, 0] < inside.height) & (at[:, 1] < inside.width)
@@ -140,7 +145,7 @@ class Region:
         """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
         frame = self._frame
         full = [self._in_frame(index, group) for group in frame.groups]
-        seen = self._fronts(index, full)
+        seen, moved = self._fronts(index, full)
         if self._known:
             seen = self._filled(seen, self._known, index, full)
         observed = seen[0][:, -1].clone()
@@ -152,6 +157,8 @@ class Region:
         if not frame.left_right:
             return centre[None], trust
         both = halves[0] if halves else whole
+        if moved is not None:
+            both = torch.cat([both[:, :-1] + moved, both[:, -1:]], 1)
         first = frame.groups[-1].start
         cut = sum(1 for part in frame.parts[first:] if part.x1 <= 0)
         left = picture(both[:cut], frame.weights[first : first + cut])
@@ -180,17 +187,27 @@ class Region:
             share = share * torch.where(inner, 1.0, covered)
         return share.clamp(0, 1)[None, None]
 
-    def _fronts(self, index: int, full: list[Tensor | float]) -> list[Tensor]:
-        """What m parts of the aperture see of visible surfaces, [m, C + 1, h, w] per group."""
-        found = []
+    def _fronts(self, index: int, full: list[Tensor | float]) -> tuple[list[Tensor], Tensor | None]:
+        """What m parts of the aperture see of visible surfaces.
+
+        Returns:
+            For each group [m, C + 1, h, w], and for the last, if it makes a pair, [m, C, h, w] what
+            shifts of less than a pixel add to its colours.
+        """
+        found, moved = [], None
         for layers, most in zip(self._blur.over_tile(self._visible, index), full, strict=True):
             first = next(iter(layers.values())).layer
-            size = self._tiles[index][2:]
-            seen = first.new_zeros(*first.shape[:2], *size)
+            seen = first.new_zeros(*first.shape[:2], *self._tiles[index][2:])
             for number in sorted(layers):
-                seen = add_within(seen, *layers[number], most)
+                box, layer, by = layers[number]
+                within = box.of(most) if isinstance(most, Tensor) else most
+                share = share_behind(box.of(seen), layer, within)
+                seen = add_within(seen, box, layer, share)
+                if by is not None:
+                    moved = torch.zeros_like(seen[:, :-1]) if moved is None else moved
+                    moved = add_within(moved, box, by, share)
             found.append(seen)
-        return found
+        return found, moved
 
     def _filled(
         self, seen: list[Tensor], behind: Filling, index: int, full: list[Tensor | float]
@@ -261,26 +278,3 @@ class Region:
             "tiles_culled": len({index for _, index in self._culled}),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }
-
-
-def _told_apart(
-    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
-) -> tuple[HiddenLayer, HiddenLayer]:
-    """What of a known layer is hidden, and what of an invented one is needed besides.
-
-    Args:
-        known: [H, W] px.
-        hidden: The same, or at half of the resolution.
-        middle: Of the frame, in px.
-    """
-    size = (known.mask.shape[0], known.mask.shape[1])
-    halved = hidden.mask.shape != known.mask.shape
-    mask, radius = hidden.mask, hidden.signed_radius
-    if halved:
-        mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
-        radius = in_pixels(radius.detach(), size, middle)
-    farther = radius > known.signed_radius + STEP
-    needed = mask & (~known.mask | farther)
-    if halved:
-        needed = hidden.mask & in_cells(needed, middle)
-    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)

@@ -144,7 +144,7 @@ class Surface:
             self._extra.add(slices, self._layers[rungs.start], rungs.start, window, lit)
         return slices
 
-    def shifted(self, rungs: range, box: Box) -> Tensor | None:
+    def shift(self, rungs: range, box: Box) -> Tensor | None:
         """What parts of the aperture add to slices of a layer, [2, C, h, w]; None if nothing."""
         if self._samples.shift is None:
             return None

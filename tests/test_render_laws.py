@@ -73,7 +73,7 @@ def test_defocus_is_a_mean(size: tuple[int, int], spread: float, blades: int, se
         assert worst(picture[1], 1.0) < WHITE
         if picture is not o.render and spread > 20:
             continue  # the pair's mean is the centre, the halves of noise in depth alone are not
-        tolerance = WHITE if picture is o.render else 0.1
+        tolerance = WHITE if picture is o.render else 0.2  # shifts within a pixel are interpolated
         assert picture[0].min() > image[0].min() - tolerance
         assert picture[0].max() < image[0].max() + tolerance
 
