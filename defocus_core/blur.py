@@ -25,12 +25,14 @@ class Piece(NamedTuple):
         window: Of its slices.
         rungs: The first to the last of the surface that reach the tile.
         patch: Where.
+        near: Whether it is near focus: parts see shifts of less than a pixel.
     """
 
     number: int
     window: Window
     rungs: range
     patch: Patch
+    near: bool
 
 
 class Shown(NamedTuple):
@@ -75,7 +77,6 @@ class Blur:
         grid: Grid,
         groups: list[slice],
         middle: tuple[Axis, Axis],
-        centroids: list[tuple[float, float]] | None = None,
     ) -> None:
         """Keep what all surfaces share.
 
@@ -86,9 +87,7 @@ class Blur:
             groups: Of the parts of the aperture: each is computed as if it were alone, to the
                 last bit.
             middle: Of the frame, counted from the first sample of a surface.
-            centroids: Of the parts of the last group, whose shifts of less than a pixel are wanted.
         """
-        self._centroids = centroids
         self._windows = windows
         self._reaches = reaches
         self._grid = grid
@@ -121,11 +120,12 @@ class Blur:
                     self._middle,
                 )
                 continue
+            near = float(window.radii.abs().amin()) < NEAR
             found = surface.patches(number, window.margin)
             for some, plan, patch in zip(pieces, surface.plan, found, strict=True):
                 here = [rung for rung in plan if numbers[rung] == number]
                 if here and patch:
-                    some.append(Piece(number, window, range(here[0], here[-1] + 1), patch))
+                    some.append(Piece(number, window, range(here[0], here[-1] + 1), patch, near))
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
     def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, Shown]]:
@@ -136,7 +136,7 @@ class Blur:
             index: Of the tile.
 
         Returns:
-            For each group of m parts the layers by number.
+            For each group of m parts the layers by number; shifts go with those of the last.
         """
         tile = self._grid.tiles[index]
         shown: list[dict[int, Shown]] = [{} for _ in self._groups]
@@ -145,13 +145,17 @@ class Blur:
                 box = found[0].seen_from(tile)
                 for some, layer in zip(shown, found[1], strict=True):
                     some[number] = Shown(box, layer, None)
+        near = any(piece.near for piece in sliced.pieces[index])
+        shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
             made = self._blurred(sliced, piece, index) if piece.window.margin else None
-            box = piece.patch.seen.seen_from(tile)
+            seen = piece.patch.seen
+            box = seen.seen_from(tile)
             for some, layer in zip(shown, made or self._sharp(sliced, piece), strict=True):
                 some[piece.number] = Shown(box, layer, None)
-            last = shown[-1][piece.number]
-            shown[-1][piece.number] = last._replace(moved=self._moved(sliced.surface, piece))
+            if shifts is not None and piece.near:
+                moved = box.of(shifts) * sliced.surface.shares(piece.rungs, seen)
+                shown[-1][piece.number] = Shown(box, shown[-1][piece.number].layer, moved)
         return shown
 
     def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
@@ -186,12 +190,3 @@ class Blur:
         box = piece.patch.seen
         pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
         return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]
-
-    def _moved(self, surface: Surface, piece: Piece) -> Tensor | None:
-        """What shifts of less than a pixel add to the colours of a layer near focus."""
-        if self._centroids is None or float(piece.window.radii.abs().amin()) >= NEAR:
-            return None
-        shift = surface.shift(piece.rungs, piece.patch.seen)
-        if shift is None:
-            return None
-        return torch.einsum("md,dchw->mchw", shift.new_tensor(self._centroids), shift)

@@ -12,7 +12,6 @@ from defocus_core.convolution import reach
 from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.quality import Quality
-from defocus_core.shifts import centroid
 from defocus_core.slicing import SHARP, evenly, layers, rungs
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey
@@ -59,7 +58,6 @@ class Frame:
         centre: How many are the centre's.
         groups: The same as slices of the parts.
         weights: The share of the aperture that each part is.
-        centroids: Of the parts, in lens coordinates.
         left_right: Whether left and right are wanted.
         signed: Whether pixels are negative (colours outside the gamut).
         dtype: To compute in.
@@ -85,7 +83,6 @@ class Frame:
     centre: int
     groups: list[slice]
     weights: list[float]
-    centroids: list[tuple[float, float]]
     left_right: bool
     signed: bool
     dtype: torch.dtype
@@ -197,7 +194,6 @@ def frame_of(
         centre=centre,
         groups=groups,
         weights=[part_area(aperture, part) for part in cells],
-        centroids=[centroid(aperture, part) for part in cells],
         left_right=left_right,
         signed=seen.darkest < 0,
         dtype=dtype,

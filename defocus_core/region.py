@@ -20,7 +20,7 @@ from defocus_core.hidden import Behind, HiddenLayer, hidden_layer, told_apart
 from defocus_core.highlights import draw, split
 from defocus_core.mixed import Unmixed, unmixed, whole
 from defocus_core.shifts import AROUND as AROUND_SHIFTS
-from defocus_core.shifts import apparent_radii, missing_shift
+from defocus_core.shifts import Shifts
 from defocus_core.slicing import position
 from defocus_core.slopes import AROUND as AROUND_SLOPES
 from defocus_core.slopes import slopes
@@ -67,7 +67,6 @@ class Region:
             grid.seen_from(inner),
             frame.groups,
             axes(frame.size, inner.top, inner.left),
-            frame.centroids[frame.groups[-1]],
         )
 
         pixels, signed_radius = (
@@ -115,12 +114,13 @@ class Region:
         around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
         places = position(radius, frame.radii)
-        lean = shift = None
+        lean = shifts = None
         if frame.tilted:
             lean = slopes(radius, frame.quality.least_slope)
         if frame.left_right and frame.sharp is not None:
-            table = apparent_radii(frame.radii, frame.aperture)
-            shift = missing_shift(around.of(own.color), radius, places, table)
+            parts = frame.parts[frame.groups[-1]]
+            color = around.of(own.color)
+            shifts = Shifts(color, radius, places, inner, frame.radii, frame.aperture, parts)
         fringe, coverage = own.fringe, inside.of(own.coverage)
         at = fringe.at - fringe.at.new_tensor([inside.top, inside.left])
         here = (at >= 0).all(1) & (at[:, 0] < inside.height) & (at[:, 1] < inside.width)
@@ -131,7 +131,7 @@ class Region:
             fringe.layer[here],
             position(fringe.signed_radius[here], frame.radii),
             None if lean is None else inner.of(lean),
-            None if shift is None else inner.of(shift) * coverage,
+            shifts,
         )
         return self._blur.sliced(samples, 1, frame.layers)
 

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from defocus_core.aperture import LEFT, Aperture, Part, kernel
 from defocus_core.slicing import SHARP, SOFT
+from defocus_core.tiling import Box
 
 # Radii in px below which shifts are made up for; beyond, what is missing is less than 0.03 px.
 NEAR = 2.0
@@ -24,6 +25,8 @@ NEAR = 2.0
 _SAMPLED = 48.0
 # Px around a pixel that decide the gradient of its colours.
 AROUND = 2
+# Centroids less far than this above or below the middle of the lens are level with it.
+_LEVEL = 1e-6
 # Neighbours whose radii differ by less, in px, are of the same surface.
 _SAME = 0.5
 
@@ -38,7 +41,7 @@ def centroid(aperture: Aperture, part: Part) -> tuple[float, float]:
     return float(shares.sum(0) @ offset), float(shares.sum(1) @ offset)
 
 
-def apparent_radii(radii: tuple[float, ...], aperture: Aperture) -> Tensor:
+def _apparent_radii(radii: tuple[float, ...], aperture: Aperture) -> Tensor:
     """The radii [K] px that slices seem to have by the shift of their halves."""
     whole = centroid(aperture, LEFT)[0]
     found = []
@@ -53,35 +56,62 @@ def apparent_radii(radii: tuple[float, ...], aperture: Aperture) -> Tensor:
     return torch.tensor(found, dtype=torch.float64)
 
 
-def missing_shift(
-    color: Tensor, signed_radius: Tensor, places: Tensor, apparent: Tensor
-) -> Tensor | None:
-    """What a part of the aperture adds to colours per unit of its centroid, along x and along y.
+class Shifts:
+    """What parts of the aperture add to the colours of a surface near focus."""
 
-    Args:
-        color: [C, H, W] of the visible surfaces.
-        signed_radius: [H, W] px.
-        places: [H, W] positions on the ladder of slices.
-        apparent: [K] px, from `apparent_radii`.
+    def __init__(
+        self,
+        color: Tensor,
+        signed_radius: Tensor,
+        places: Tensor,
+        inner: Box,
+        radii: tuple[float, ...],
+        aperture: Aperture,
+        parts: list[Part],
+    ) -> None:
+        """Keep the surface.
 
-    Returns:
-        [2, C, H, W]; None if nothing is near focus.
-    """
-    size = signed_radius.abs()
-    near = (size < NEAR) & (size > SHARP)
-    if not bool(near.any()):
-        return None
-    lower = places.detach().floor().clamp(max=max(len(apparent) - 2, 0))
-    share, number = places - lower, lower.long().flatten()
-    table = apparent.to(places)
-    here, other = (
-        table.index_select(0, (number + i).clamp(max=len(table) - 1)).view_as(places)
-        for i in (0, 1)
-    )
-    # as positions do, it begins between SHARP and SOFT
-    wanted = signed_radius * ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
-    missing = wanted - torch.lerp(here, other, share)
-    return torch.stack([_slope(color, signed_radius, dim) for dim in (-1, -2)]) * -missing
+        Args:
+            color: [C, H, W].
+            signed_radius: [H, W] px.
+            places: [H, W] positions on the ladder of slices.
+            inner: Where in it rectangles are counted from.
+            radii: [K] px, of the slices.
+            aperture: The pupil.
+            parts: M parts of it.
+        """
+        self._color, self._radius, self._places = color, signed_radius, places
+        self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
+        self._apparent = _apparent_radii(radii, aperture).to(places)
+        centroids = [centroid(aperture, part) for part in parts]
+        # x, and y where it makes a difference
+        dims = 1 if all(abs(y) < _LEVEL for _, y in centroids) else 2
+        self._centroids = places.new_tensor(centroids)[:, :dims]
+
+    def over(self, box: Box) -> Tensor | None:
+        """For a slice that has all of a surface within a rectangle: [M, C, h, w].
+
+        None if nothing there is near focus.
+        """
+        around = box.grown(AROUND, self._whole)
+        inner, around = box.seen_from(around), around.seen_from(self._whole)
+        color, radius = around.of(self._color), around.of(self._radius)
+        places, r = inner.of(around.of(self._places)), inner.of(radius)
+        size = r.abs()
+        if not bool(((size < NEAR) & (size > SHARP)).any()):
+            return None
+        lower = places.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
+        share, number = places - lower, lower.long().flatten()
+        here, other = (
+            self._apparent.index_select(0, (number + i).clamp(max=len(self._apparent) - 1))
+            for i in (0, 1)
+        )
+        # as positions do, it begins between SHARP and SOFT
+        wanted = r * ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
+        missing = torch.lerp(here.view_as(r), other.view_as(r), share) - wanted
+        dims = (-1, -2)[: self._centroids.shape[1]]
+        slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
+        return torch.einsum("md,dchw->mchw", self._centroids, slopes * missing)
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:

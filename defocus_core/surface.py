@@ -12,6 +12,7 @@ from torch import Tensor
 from defocus_core.halving import Axis, averaged
 from defocus_core.patches import Patch, patches
 from defocus_core.points import Points
+from defocus_core.shifts import Shifts
 from defocus_core.slicing import membership
 from defocus_core.slopes import Planes
 from defocus_core.tiling import BLOCK, Box, Grid, block_ends, blocks_at, blocks_of, visible_slices
@@ -30,8 +31,7 @@ class Samples(NamedTuple):
         extra: [n, C + 1] further samples: parts of nearer surfaces in the same pixels.
         extra_places: [n] their positions.
         slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
-        shift: [2, C, H, W] what parts of the aperture add to colours per unit of their centroid,
-            x and y; None if nothing.
+        shifts: What parts of the aperture add to colours near focus; None if that is not wanted.
     """
 
     layer: Tensor
@@ -40,7 +40,7 @@ class Samples(NamedTuple):
     extra: Tensor
     extra_places: Tensor
     slopes: Tensor | None
-    shift: Tensor | None
+    shifts: Shifts | None
 
 
 class Surface:
@@ -144,12 +144,16 @@ class Surface:
             self._extra.add(slices, self._layers[rungs.start], rungs.start, window, lit)
         return slices
 
-    def shift(self, rungs: range, box: Box) -> Tensor | None:
-        """What parts of the aperture add to slices of a layer, [2, C, h, w]; None if nothing."""
-        if self._samples.shift is None:
-            return None
-        shares = membership(box.of(self._samples.places), self._ladder[rungs.start : rungs.stop])
-        return box.of(self._samples.shift) * shares.sum(0)
+    def shares(self, rungs: range, box: Box) -> Tensor:
+        """What of each pixel [h, w] is in some slices."""
+        places = box.of(self._samples.places)
+        return membership(places, self._ladder[rungs.start : rungs.stop]).sum(0)
+
+    def shifts(self, index: int) -> Tensor | None:
+        """What parts of the aperture add to colours of a tile, [M, C, h, w]; None if nothing."""
+        tile, shifts = self._tiles[index], self._samples.shifts
+        found = shifts.over(tile) if shifts else None
+        return None if found is None else found * tile.of(self._samples.layer[-1:])
 
     def slopes(self, window: Box) -> Tensor:
         """[2, height, width] within a window around a tile that has tilted slices."""

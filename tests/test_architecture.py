@@ -24,9 +24,9 @@ LAYERS = [
     {"baselines", "copying", "presence", "region", "workload"},
     {"filling"},
     {"blur", "frame"},
-    {"borders", "reduced", "shifts"},
+    {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},
-    {"backdrop", "survey"},
+    {"backdrop", "shifts", "survey"},
     {"continuation", "transport", "view"},
     {
         "compositing",
