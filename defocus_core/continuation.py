@@ -18,7 +18,7 @@ from defocus_core.sheets import Level, Sheet
 # Pixels that have as much of a value as this look no farther.
 _ENOUGH = 0.5
 # Pixels looked up at once: few enough to stay in a cache.
-_PIXELS = 1 << 14
+_PIXELS = 1 << 15
 
 
 def continued(
@@ -65,46 +65,40 @@ def _nearby(
     level: Level, at: Tensor, border: Tensor, fine: tuple[Axis, Axis]
 ) -> tuple[Tensor, Tensor]:
     """The four cells around each pixel, by their distance."""
-    down, across = (
+    (row, down), (column, across) = (
         _neighbours(place, length, border.dtype)
         for place, length in zip(
             places(at, fine, level.middle, level.halvings), level.size, strict=True
         )
     )
-    values, weight = level.first.values.new_zeros(len(level.first.values), len(at)), 0 * border
-    for row, share_down in down:
-        for column, share_across in across:
-            cell, share = row * level.size[1] + column, share_down * share_across
-            values, weight = _added(values, weight, level.first, cell, border, share)
-            if level.second is None or level.number is None:
-                continue
-            number = level.number.index_select(0, cell)
-            some = torch.nonzero(number >= 0)[:, 0]
-            if len(some):
-                number, limit, part = (x.index_select(0, some) for x in (number, border, share))
-                more = values.new_zeros(len(values), len(some)), 0 * limit
-                found, light = _added(*more, level.second, number, limit, part)
-                values = values.index_add(1, some, found)
-                weight = weight.index_add(0, some, light)
+    cell = (row[:, None] * level.size[1] + column).flatten()
+    share, limit = (down[:, None] * across).flatten(), border.repeat(4)
+    found, light = _weighed(level.first, cell, limit, share)
+    values, weight = found.reshape(-1, 4, len(at)).sum(1), light.reshape(4, -1).sum(0)
+    if level.second is not None and level.number is not None:
+        number = level.number.index_select(0, cell)
+        some = torch.nonzero(number >= 0)[:, 0]
+        if len(some):
+            number, limit, share = (x.index_select(0, some) for x in (number, limit, share))
+            found, light = _weighed(level.second, number, limit, share)
+            pixel = some % len(at)
+            values, weight = values.index_add(1, pixel, found), weight.index_add(0, pixel, light)
     most = weight.clamp(min=1)
     return values / most, weight / most
 
 
-def _added(
-    values: Tensor, weight: Tensor, sheet: Sheet, cell: Tensor, border: Tensor, share: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Values [K, n] and weights [n] with those of a cell each, if it lies beyond the border."""
-    share = share * sheet.weight.index_select(0, cell)
-    share = share * (sheet.least.index_select(0, cell) > border)
-    return torch.addcmul(values, sheet.values.index_select(1, cell), share), weight + share
+def _weighed(sheet: Sheet, cell: Tensor, border: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
+    """Values [K, n] of a cell each times their weights, and these [n]; 0 up to the border."""
+    weight = share * sheet.weight.index_select(0, cell)
+    weight = weight * (sheet.least.index_select(0, cell) > border)
+    return sheet.values.index_select(1, cell) * weight, weight
 
 
-def _neighbours(place: Tensor, length: int, dtype: torch.dtype) -> list[tuple[Tensor, Tensor]]:
-    """The two cells beside each place [n] along an axis, and their shares; 0 if there is none."""
+def _neighbours(place: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    """The two cells beside each place [n] along an axis, [2, n], and their shares; 0 if none is."""
     place = place.to(dtype)
     below = place.floor()
     share, first = place - below, below.long()
-    return [
-        (number.clamp(0, length - 1), part * ((number >= 0) & (number < length)))
-        for number, part in ((first, 1 - share), (first + 1, share))
-    ]
+    number = torch.stack([first, first + 1])
+    shares = torch.stack([1 - share, share]) * ((number >= 0) & (number < length))
+    return number.clamp_(0, length - 1), shares
