@@ -62,10 +62,10 @@ _LEAST_MB = 8.0  # the allocator rounds what is less
 # Seconds for each load and bytes held for each byte planned, as on the machine of a developer: what
 # the scenes leave open is taken from there. Memory hardly depends on the machine.
 _USUAL_SECONDS = {
-    **{"frame": 5e-4, "pixels": 5e-9, "images": 2.5e-9, "backdrop": 1e-8, "kernels": 9e-10},
-    **{"regions": 7e-3, "around": 3e-9, "slopes": 6e-8, "edges": 2.2e-6, "behind": 3e-7},
-    **{"lights": 1.7e-8, "calls": 4e-5, "averaged": 5e-9, "forward": 8e-11},
-    **{"products": 1.1e-9, "inverse": 1.2e-10, "composited": 2.5e-9, "finished": 6e-9},
+    **{"frame": 5e-4, "pixels": 5e-9, "images": 2.5e-9, "backdrop": 1e-8, "kernels": 1.2e-10},
+    **{"regions": 4e-3, "around": 3e-9, "slopes": 6e-8, "edges": 2.2e-6, "behind": 3e-7},
+    **{"lights": 1.3e-8, "calls": 6e-5, "averaged": 4e-9, "forward": 1.5e-10},
+    **{"products": 6e-10, "inverse": 1.2e-10, "composited": 2.5e-9, "finished": 6e-9},
 }
 _USUAL_BYTES = {
     **{"backdrop": 2.0, "spectra": 1.2, "making": 0.8, "region": 3.0, "layers": 1.0},

@@ -31,6 +31,8 @@ LOADS = (
 # once; of each region, of its layers at reduced resolution, of the lights in it that are drawn at
 # once, of what is made of it, and of each tile in work.
 BYTES = ("backdrop", "spectra", "making", "region", "layers", "discs", "result", "tile")
+# Steps of a region in which something is hidden that no other load counts.
+_STEPS = 80.0
 # Samples of the discs of lights that are drawn at once.
 _DRAWN = 1 << 21
 
@@ -146,6 +148,7 @@ def plan(
         "lights": discs,
         **_times(work.of_regions, samples),
     }
+    of_regions["calls"] += _STEPS * len(grids) * frame.edges
     held = {
         "backdrop": pixels * (1 + (channels + 8) * size / 12) if frame.edges else 0.0,
         "spectra": kept * size,

@@ -12,9 +12,12 @@ from defocus_core.frame import Frame
 from defocus_core.presence import Cover
 from defocus_core.spans import Span, least_transform
 from defocus_core.tiling import Box, Grid
+from defocus_core.windows import Window
 
 # Of these loads something is done for a region as a whole, and something for each of its tiles.
 _LOADS = ("calls", "averaged", "forward", "products", "inverse", "composited")
+# A sample of a kernel takes as long as so many of its transform, per level of this.
+_SAMPLED = 400.0
 
 
 class Workload:
@@ -35,7 +38,8 @@ class Workload:
         self.of_regions, self.of_tiles = (dict.fromkeys(_LOADS, 0.0) for _ in range(2))
         self.widest = self.reduced = 0.0
         self.done = self.read = 0
-        self._spectra: set[tuple[int, tuple[int, int], bool]] = set()
+        self._spectra: set[tuple[int, int, tuple[int, int], bool]] = set()
+        self._kernels: dict[tuple[int, int], int] = {}
         self._number = {tile: i for i, tile in enumerate(frame.grid.tiles)}
 
     def add(self, grid: Grid, surfaces: list[Cover]) -> None:
@@ -70,7 +74,7 @@ class Workload:
             box = self._frame.grid.tiles[i].around(window.margin)
             tilted, planar = surface.leaning(some, box)
             size = window.fitting(patch.least)
-            self._learn(size, some, [*tilted, *planar])
+            self._learn(window, size, some, [*tilted, *planar])
             loads["calls"] += 2 * len(tilted) + len(planar)
             terms = len(some) + 2 * len(tilted)
             self._transformed(loads, size, terms, len(planar))
@@ -95,7 +99,7 @@ class Workload:
             [least_transform(here, there, margin) for here, there in zip(lit, seen, strict=True)]
         )
         tilted, planar = surface.leaning(rungs, core.around((margin + 3) * step))
-        self._learn(size, rungs, [*tilted, *planar])
+        self._learn(window, size, rungs, [*tilted, *planar])
         terms = len(rungs) + 2 * len(tilted)
         loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1
         share = terms / len(rungs)
@@ -115,18 +119,23 @@ class Workload:
         if loads is self.of_tiles:
             self.widest = max(self.widest, (terms + self._parts) * area)
 
-    def _learn(self, size: tuple[int, int], rungs: list[int], leaning: list[int]) -> None:
-        """Spectra of kernels, which are made once."""
-        self._spectra |= {(k, size, False) for k in rungs} | {(k, size, True) for k in leaning}
+    def _learn(
+        self, window: Window, size: tuple[int, int], rungs: list[int], leaning: list[int]
+    ) -> None:
+        """Kernels, and spectra of these, which are made once."""
+        self._kernels |= {(id(window), k): (2 * window.margin + 1) ** 2 for k in rungs}
+        self._spectra |= {(id(window), k, size, False) for k in rungs}
+        self._spectra |= {(id(window), k, size, True) for k in leaning}
 
     def kernels(self) -> tuple[float, float, float]:
-        """What spectra of kernels take.
+        """What kernels and their spectra take.
 
         Returns:
             To make them; samples of all that are kept; and of those made at once, at most.
         """
-        work = kept = most = 0.0
-        for _, size, leaning in self._spectra:
+        work = _SAMPLED * self._parts * float(sum(self._kernels.values()))
+        kept = most = 0.0
+        for _, _, size, leaning in self._spectra:
             area = size[0] * size[1]
             samples = (1 + leaning) * self._parts * area
             work += samples * math.log2(area)
