@@ -12,7 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import max_pool2d
 
-SIZE = (72, 150)  # H, W: not square, more than one tile
+SIZE = (72, 210)  # H, W: not square, more than one tile
+# Px of a wave whose place is read.
+PERIOD = 16
 # Px between the samples of a rim's profile.
 _STEP = 0.25
 
@@ -42,6 +44,12 @@ def waves(size: tuple[int, int] = SIZE) -> Tensor:
     phases = [(1.0, 0.3), (-0.4, 1.0), (0.7, 0.7)]
     turns = [(a * x + b * y[:, None]) / 11 for a, b in phases]
     return 0.5 + 0.4 * torch.sin(2 * math.pi * torch.stack(turns))
+
+
+def wave(size: tuple[int, int] = SIZE) -> Tensor:
+    """A grey wave along x in [0.5, 1.5], with a crest at the first column: [1, H, W]."""
+    x = torch.arange(size[1], dtype=torch.float64)
+    return (1 + 0.5 * torch.cos(2 * math.pi * x / PERIOD)).expand(1, *size).clone()
 
 
 def slope(size: tuple[int, int] = SIZE) -> Tensor:
@@ -91,6 +99,16 @@ def centroid(response: Tensor) -> tuple[float, float]:
     """Column and row of the centre of mass of a response [n, n], in px from the middle pixel."""
     share, at = response / response.sum(), _centred(response)
     return float((share.sum(0) * at).sum()), float((share.sum(1) * at).sum())
+
+
+def shift(picture: Tensor) -> float:
+    """Px by which a wave [1, H, W] stands to the right, within half of its length."""
+    rows = picture[0, picture.shape[1] // 2, PERIOD:-PERIOD]
+    rows = rows[: len(rows) // PERIOD * PERIOD]  # whole waves
+    x = torch.arange(len(rows), dtype=rows.dtype, device=rows.device)
+    angle = 2 * math.pi * x / PERIOD
+    phase = math.atan2(float(rows @ angle.sin()), float(rows @ angle.cos()))
+    return phase * PERIOD / (2 * math.pi)
 
 
 def disc_radius(response: Tensor) -> float:

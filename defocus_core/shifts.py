@@ -19,7 +19,7 @@ from defocus_core.aperture import LEFT, Aperture, Part, kernel
 from defocus_core.slicing import SHARP, SOFT
 from defocus_core.tiling import Box
 
-# Radii in px below which shifts are made up for; beyond, what is missing is less than 0.03 px.
+# Radii in px of slices whose shifts are made up for; beyond, what is missing is less than 0.03 px.
 NEAR = 2.0
 # Radius in px of the kernel of which a centroid is taken.
 _SAMPLED = 48.0
@@ -83,6 +83,8 @@ class Shifts:
         self._color, self._radius, self._places = color, signed_radius, places
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
         self._apparent = _apparent_radii(radii, aperture).to(places)
+        # up to there pixels have shares in slices near focus
+        self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [centroid(aperture, part) for part in parts]
         # x, and y where it makes a difference
         dims = 1 if all(abs(y) < _LEVEL for _, y in centroids) else 2
@@ -98,7 +100,7 @@ class Shifts:
         color, radius = around.of(self._color), around.of(self._radius)
         places, r = inner.of(around.of(self._places)), inner.of(radius)
         size = r.abs()
-        if not bool(((size < NEAR) & (size > SHARP)).any()):
+        if not bool(((size < self._end) & (size > SHARP)).any()):
             return None
         lower = places.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
         share, number = places - lower, lower.long().flatten()

@@ -23,9 +23,11 @@ from defocus_core.probes import (
     disc_radius,
     noise,
     rim_width,
+    shift,
     slope,
     spot,
     strips,
+    wave,
     waves,
     worst,
     worst_relative,
@@ -33,6 +35,7 @@ from defocus_core.probes import (
 from defocus_core.quality import find
 
 _RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on rungs and between them
+_NEAR = (0.3, 0.5, 0.8, 1.0)  # px
 _RIM = 1 / 16  # of the radius: what a rim may be wide where resolution is reduced
 _LEAST_RIM = 7.0  # px of radius from which a rim has enough pixels to be measured
 
@@ -82,6 +85,17 @@ def discs(setting: Setting) -> list[Check]:
         Check("half discs", "distance left to right, off 8 r/(3 pi)", "%", _pc(halves), 1.0),
         Check("energy", "sum of an isolated point, off 1", "-", greatest(sums), 1e-6),
     ]
+
+
+def near_focus(setting: Setting) -> list[Check]:
+    """Halves are as far apart as the formula says within a pixel, too."""
+    off = []
+    for r in (sign * size for size in _NEAR for sign in (1, -1)):
+        radius = torch.full(SIZE, r, dtype=torch.float64)
+        _, left, right = pictures(rendered(Scene(wave(), radius), setting, torch.float64))
+        off.append(abs(shift(right) - shift(left) - 8 * r / (3 * math.pi)))
+    measured = "near focus, off 8 r/(3 pi), |r| to 1 px"
+    return [Check("half discs", measured, "px", greatest(off), 0.01)]
 
 
 def white(setting: Setting) -> list[Check]:
@@ -156,7 +170,7 @@ def tiles(setting: Setting) -> list[Check]:
 
 def same_bytes(setting: Setting) -> list[Check]:
     """Threads, and whether left and right are asked for, change no byte of the centre."""
-    size = (140, 150)  # four tiles
+    size = (200, 210)  # four tiles
     threads, outputs = 0.0, 0.0
     for scene in (Scene(waves(size), slope(size)), card(-7.0, 5.0, size=size)):
         one = rendered(scene, setting, torch.float32, threads=1)
@@ -233,6 +247,7 @@ def devices(setting: Setting) -> list[Check]:
 
 LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
     discs,
+    near_focus,
     white,
     left_and_right,
     focus,

@@ -7,22 +7,9 @@ import torch
 from torch import Tensor
 
 from defocus_core import Aperture, render
+from defocus_core.probes import PERIOD, shift, wave
 
-PERIOD = 16  # px of a wave
-
-
-def waves(height: int = 24, width: int = 96) -> Tensor:
-    """[1, H, W] a wave along x, whose phase tells how far it was shifted."""
-    x = torch.arange(width, dtype=torch.float64)
-    return (1 + 0.5 * torch.cos(2 * math.pi * x / PERIOD)).expand(1, height, -1).contiguous()
-
-
-def shift(picture: Tensor) -> float:
-    """Px by which a wave stands to the right, away from the borders."""
-    middle = picture[0, picture.shape[1] // 2, PERIOD:-PERIOD]
-    x = torch.arange(PERIOD, PERIOD + len(middle), dtype=middle.dtype)
-    angle = 2 * math.pi * x / PERIOD
-    return math.atan2(float(middle @ angle.sin()), float(middle @ angle.cos())) * PERIOD / math.tau
+SIZE = (24, 96)
 
 
 def expected(r: float) -> float:
@@ -36,7 +23,7 @@ def expected(r: float) -> float:
 @pytest.mark.parametrize("quality", ["draft", "standard", "high", "reference"])
 @pytest.mark.parametrize("r", [-1.7, -0.9, -0.4, 0.0, 0.3, 0.5, 0.75, 1.0, 1.5, 1.9, 3.3, 5.0])
 def test_halves_are_as_far_apart_as_their_centroids(r: float, quality: str) -> None:
-    image = waves()
+    image = wave(SIZE)
     radius = torch.full(image.shape[1:], r, dtype=torch.float64)
     o = render(image, radius, quality=quality, left_right=True)
     assert o.left is not None
@@ -50,7 +37,7 @@ def test_halves_are_as_far_apart_as_their_centroids(r: float, quality: str) -> N
 
 def test_polygons_shift_by_their_own_centroids() -> None:
     """A hexagon with vertices at ±x: its right half reaches from the middle to 7/18 on average."""
-    image, r = waves(), 0.6
+    image, r = wave(SIZE), 0.6
     radius = torch.full(image.shape[1:], r, dtype=torch.float64)
     o = render(image, radius, aperture=Aperture(blades=6), left_right=True)
     assert o.left is not None
@@ -60,7 +47,7 @@ def test_polygons_shift_by_their_own_centroids() -> None:
 
 def test_what_counts_as_in_focus_is_not_shifted() -> None:
     """And beyond it shifts begin without a step."""
-    image = waves()
+    image = wave(SIZE)
     found = []
     for r in (0.14, 0.151, 0.24, 0.26):
         o = render(image, torch.full(image.shape[1:], r, dtype=torch.float64), left_right=True)
@@ -86,7 +73,7 @@ def test_colours_of_another_surface_have_no_part_in_a_shift() -> None:
 
 
 def test_shifts_of_less_than_a_pixel_have_gradients() -> None:
-    image = waves(8, 32).requires_grad_()
+    image = wave((8, 32)).requires_grad_()
     radius = torch.full(image.shape[1:], 0.4, dtype=torch.float64, requires_grad=True)
 
     def left(image: Tensor, radius: Tensor) -> Tensor:
