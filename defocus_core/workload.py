@@ -133,14 +133,14 @@ class Workload:
         Returns:
             To make them; samples of all that are kept; and of those made at once, at most.
         """
-        work = _SAMPLED * self._parts * float(sum(self._kernels.values()))
-        kept = most = 0.0
-        for _, _, size, leaning in self._spectra:
-            area = size[0] * size[1]
-            samples = (1 + leaning) * self._parts * area
-            work += samples * math.log2(area)
-            kept, most = kept + samples, max(most, samples)
-        return work, kept, most
+        areas = [
+            ((1 + leaning) * self._parts * size[0] * size[1], math.log2(size[0] * size[1]))
+            for _, _, size, leaning in self._spectra
+        ]
+        sampled = _SAMPLED * self._parts * sum(self._kernels.values())
+        work = sampled + math.fsum(samples * levels for samples, levels in areas)
+        kept = [float(samples) for samples, _ in areas]
+        return work, sum(kept), max(kept, default=0.0)
 
 
 def _joined(boxes: list[Box]) -> Box:
