@@ -10,6 +10,7 @@ _LINES = (
     ("slice_tiles_blurred", "slice_tiles", "of them blurred, the others copied"),
     ("slice_tiles_reduced", "slice_tiles", "of them at reduced resolution"),
     ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
+    ("layer_pixels_done", "layer_pixels", "pixels of layers, within the rectangles they lie in"),
     ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
     ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
     ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
@@ -22,7 +23,7 @@ def lines(stats: Mapping[str, float]) -> Iterator[str]:
         yield "  nothing was rendered: maps alone need no slices"
         return
     yield f"  {stats['slices']:.0f} slices, {stats['tiles']:.0f} tiles"
-    told = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and of in stats]
+    told = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
     width = max(len(f"{all_of_them:.0f}") for _, all_of_them, _ in told)
     for count, all_of_them, words in told:
         share = 100 * count / all_of_them

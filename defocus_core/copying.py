@@ -52,7 +52,7 @@ def _in_focus(frame: Frame, grid: Grid, signed_radius: Pixels) -> bool:
 
 def counts_of_copies(frame: Frame, tiles: list[Box]) -> dict[str, int]:
     """What was computed of tiles that were copied, as `Region.counts` tells it."""
-    pixels = sum(tile.height * tile.width for tile in tiles)
+    pixels = sum(tile.area for tile in tiles)
     return {
         "pixels": pixels,
         "pixels_copied": pixels,
@@ -62,6 +62,8 @@ def counts_of_copies(frame: Frame, tiles: list[Box]) -> dict[str, int]:
         "slice_tiles_blurred": 0,
         "slice_tiles_reduced": 0,
         "slice_tiles_culled": 0,
+        "layer_pixels": 0,
+        "layer_pixels_done": 0,
         "tiles_culled": 0,
         "tiles_with_hidden": 0,
     }

@@ -260,14 +260,15 @@ class Region:
         culled = sum(len(some.plan[i]) for some in hidden for i in range(tiles))
         culled -= sum(map(len, behind))
         copied = [
-            tile.height * tile.width
+            tile.area
             for i, tile in enumerate(self._tiles)
             if not any(window.margin for window in planned[i])
             and not any(some.windows[rung].margin for some in hidden for rung in some.plan[i])
         ]
         invented = self._invented.plan if self._invented else []
+        layers = list(zip(self._visible.pieces, self._tiles, strict=True))
         return {
-            "pixels": sum(tile.height * tile.width for tile in self._tiles),
+            "pixels": sum(tile.area for tile in self._tiles),
             "pixels_copied": sum(copied),
             "tiles": tiles,
             "slice_tiles": 2 * len(self._frame.windows) * tiles,
@@ -275,6 +276,8 @@ class Region:
             "slice_tiles_blurred": sum(1 for window, _ in work if window.margin),
             "slice_tiles_reduced": sum(1 for _, halvings in work if halvings),
             "slice_tiles_culled": culled,
+            "layer_pixels": sum(tile.area * len(some) for some, tile in layers),
+            "layer_pixels_done": sum(piece.patch.seen.area for some, _ in layers for piece in some),
             "tiles_culled": len({index for _, index in self._culled}),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }

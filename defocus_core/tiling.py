@@ -45,6 +45,11 @@ class Box(NamedTuple):
         """Its rows and its columns."""
         return Span(self.top, self.top + self.height), Span(self.left, self.left + self.width)
 
+    @property
+    def area(self) -> int:
+        """Its pixels."""
+        return self.height * self.width
+
     def grown(self, by: int, within: Box) -> Box:
         """Larger by some px on all sides, cut to what there is."""
         top, left = max(self.top - by, within.top), max(self.left - by, within.left)

@@ -65,7 +65,7 @@ class Workload:
             if window.halvings or surface.halvings:
                 self.read += len(some)
             loads["calls"] += 1
-            loads["composited"] += patch.seen.height * patch.seen.width * self._parts
+            loads["composited"] += patch.seen.area * self._parts
             if window.halvings:
                 continue
             loads["calls"] += 1 + len(some)
@@ -103,7 +103,7 @@ class Workload:
         terms = len(rungs) + 2 * len(tilted)
         loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1
         share = terms / len(rungs)
-        samples = sum(box.height * box.width for box in boxes)
+        samples = sum(box.area for box in boxes)
         loads["averaged"] += share * samples / 4**surface.halvings
         self._transformed(loads, size, terms, len(planar))
         return seen[0].length * seen[1].length * self._parts

@@ -50,6 +50,17 @@ def test_slices_that_do_not_reach_a_tile_are_skipped(tmp_path: Path) -> None:
     assert stats["slice_tiles_blurred"] < stats["slice_tiles_done"]
 
 
+def test_a_layer_is_computed_within_the_rectangle_it_lies_in(tmp_path: Path) -> None:
+    metres = flat(4.0)
+    metres[40:80, 20:60] = 1.5  # a card in the first tile
+    stats, told = rendered(tmp_path, metres)
+    assert stats["pixels"] < stats["layer_pixels_done"] < 0.8 * stats["layer_pixels"]
+    share = round(100 * stats["layer_pixels_done"] / stats["layer_pixels"])
+    assert f" {share} %  pixels of layers, within the rectangles" in told
+    everywhere = rendered(tmp_path, flat(4.0), "--overwrite")[0]
+    assert everywhere["layer_pixels_done"] == everywhere["layer_pixels"]
+
+
 def test_nothing_is_invented_behind_tiles_without_an_edge(tmp_path: Path) -> None:
     metres = flat(4.0)
     metres[40:80, 20:60] = 1.5  # a card in the first tile
