@@ -34,16 +34,33 @@ class Patch(NamedTuple):
         )
         return down, across
 
+    @property
+    def corner(self) -> tuple[int, int]:
+        """The first row and column of both."""
+        return min(self.lit.top, self.seen.top), min(self.lit.left, self.seen.left)
+
     def transformed(self, size: tuple[int, int], tile: Box, most: tuple[int, int]) -> Box:
         """The rectangle that a transform of some (height, width) takes.
 
         It lies within that of the whole tile, whose size is the most there is.
         """
-        top, left = (
-            min(self.lit[d], self.seen[d], tile[d] - self.margin + most[d] - size[d])
-            for d in (0, 1)
-        )
+        top, left = (min(self.corner[d], tile[d] - self.margin + most[d] - size[d]) for d in (0, 1))
         return Box(top, left, *size)
+
+
+def patch_of(held: tuple[Span, Span], wanted: tuple[Span, Span], margin: int) -> Patch | None:
+    """What shows of a layer, None if nothing.
+
+    Args:
+        held: Rows and columns in which it lies.
+        wanted: Those that are looked at.
+        margin: Px that it spreads.
+    """
+    lit = [one.within(other.grown(margin)) for one, other in zip(held, wanted, strict=True)]
+    seen = [one.grown(margin).within(other) for one, other in zip(lit, wanted, strict=True)]
+    if min(span.length for span in (*lit, *seen)) <= 0:
+        return None
+    return Patch(Box.over(*lit), Box.over(*seen), margin)
 
 
 def patches(
@@ -57,25 +74,21 @@ def patches(
         margin: Px that it spreads.
         size: (height, width) of the layer in px.
     """
-    near = [
-        [tile.sides[d].grown(margin).within(Span(0, n)) for tile in tiles]
-        for d, n in enumerate(size)
-    ]
+    whole = Box(0, 0, *size)
+    near = [tile.grown(margin, whole).sides for tile in tiles]
     ends = [
         torch.tensor([(span.first // BLOCK, -(-span.end // BLOCK)) for span in spans]).clamp(min=0)
-        for spans in near
+        for spans in zip(*near, strict=True)
     ]
-    down = _extents(some, *ends)
-    across = _extents(some.T, *reversed(ends))
     found: list[Patch | None] = []
-    for tile, *blocks, reach in zip(tiles, down, across, zip(*near, strict=True), strict=True):
-        lit = [
-            Span(first * BLOCK, end * BLOCK).within(span)
-            for (first, end), span in zip(blocks, reach, strict=True)
-        ]
-        seen = [span.grown(margin).within(side) for span, side in zip(lit, tile.sides, strict=True)]
-        nothing = min(span.length for span in (*lit, *seen)) <= 0
-        found.append(None if nothing else Patch(Box.over(*lit), Box.over(*seen), margin))
+    for tile, rows, columns in zip(
+        tiles, _extents(some, *ends), _extents(some.T, *reversed(ends)), strict=True
+    ):
+        down, across = (
+            Span(first * BLOCK, end * BLOCK).within(side)
+            for (first, end), side in zip((rows, columns), whole.sides, strict=True)
+        )
+        found.append(patch_of((down, across), tile.sides, margin))
     return found
 
 

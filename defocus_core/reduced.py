@@ -15,8 +15,9 @@ from torch import Tensor
 
 from defocus_core.convolution import crop_inverse, sum_of_products
 from defocus_core.halving import Axis, place_of
+from defocus_core.patches import patch_of
 from defocus_core.resampling import cubic_shares
-from defocus_core.spans import Span, least_transform
+from defocus_core.spans import Span
 from defocus_core.surface import Surface
 from defocus_core.tiling import Box
 from defocus_core.windows import Window
@@ -55,24 +56,11 @@ class Reduced:
         bounds = surface.bounds(list(slices))
         if not (bounds.height and bounds.width):
             return
-        lit = [
-            span.within(wanted.grown(window.margin))
-            for span, wanted in zip(self._spans(bounds), around, strict=True)
-        ]
-        seen = [
-            span.grown(window.margin).within(wanted)
-            for span, wanted in zip(lit, around, strict=True)
-        ]
-        if min(span.length for span in (*lit, *seen)) <= 0:
+        patch = patch_of(self._spans(bounds), around, window.margin)
+        if patch is None:
             return
-        first = [min(one.first, other.first) for one, other in zip(lit, seen, strict=True)]
-        size = window.fitting(
-            [
-                least_transform(here, there, window.margin)
-                for here, there in zip(lit, seen, strict=True)
-            ]
-        )
-        cells = Box(first[0], first[1], *size)
+        size = window.fitting(patch.least)
+        cells = Box(*patch.corner, *size)
         terms: list[tuple[Tensor, Tensor]] = []
         for rung, k in slices.items():
             slope = surface.plane(rung, core.around(reach)) if rung in tilted else None
@@ -83,9 +71,9 @@ class Reduced:
             kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
             terms.append((plain, kernel))
             terms += zip(leaning, window.leaning(k, size) if lean else (), strict=True)
-        crop = Box.over(*seen).seen_from(cells)
+        crop = patch.seen.seen_from(cells)
         self._groups = [crop_inverse(sum_of_products(terms, group), size, crop) for group in groups]
-        self._cells = (seen[0], seen[1])
+        self._cells = patch.seen.sides
 
     def over(self, box: Box) -> tuple[Box, list[Tensor]] | None:
         """The layer at full resolution within a rectangle, counted as the core.

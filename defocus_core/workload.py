@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 from defocus_core.frame import Frame
+from defocus_core.patches import patch_of
 from defocus_core.presence import Cover
-from defocus_core.spans import Span, least_transform
+from defocus_core.spans import Span
 from defocus_core.tiling import Box, Grid
 from defocus_core.windows import Window
 
@@ -84,20 +85,14 @@ class Workload:
         frame, loads, window = self._frame, self.of_regions, surface.windows[rungs[0]]
         step, margin = 1 << window.halvings + surface.halvings, window.margin
         inner = core.grown(frame.farthest, frame.box)
-        around = [span.grown(1) for span in _cells(core, step, frame.size)]
+        rows, columns = (span.grown(1) for span in _cells(core, step, frame.size))
         boxes = [box for k in rungs if (box := surface.bounds(k, inner))]
         if not boxes:
             return 0.0
-        lit = [
-            one.within(other.grown(margin))
-            for one, other in zip(_cells(_joined(boxes), step, frame.size), around, strict=True)
-        ]
-        seen = [one.grown(margin).within(other) for one, other in zip(lit, around, strict=True)]
-        if min(span.length for span in (*lit, *seen)) <= 0:
+        patch = patch_of(_cells(_joined(boxes), step, frame.size), (rows, columns), margin)
+        if patch is None:
             return 0.0
-        size = window.fitting(
-            [least_transform(here, there, margin) for here, there in zip(lit, seen, strict=True)]
-        )
+        size = window.fitting(patch.least)
         tilted, planar = surface.leaning(rungs, core.around((margin + 3) * step))
         self._learn(window, size, rungs, [*tilted, *planar])
         terms = len(rungs) + 2 * len(tilted)
@@ -106,7 +101,7 @@ class Workload:
         samples = sum(box.area for box in boxes)
         loads["averaged"] += share * samples / 4**surface.halvings
         self._transformed(loads, size, terms, len(planar))
-        return seen[0].length * seen[1].length * self._parts
+        return patch.seen.area * self._parts
 
     def _transformed(
         self, loads: dict[str, float], size: tuple[int, int], terms: int, planar: int
@@ -151,7 +146,7 @@ def _joined(boxes: list[Box]) -> Box:
     return Box(top, left, below - top, beside - left)
 
 
-def _cells(box: Box, step: int, size: tuple[int, int]) -> list[Span]:
+def _cells(box: Box, step: int, size: tuple[int, int]) -> tuple[Span, Span]:
     """The cells of a frame of some size between which pixels lie, along both axes."""
     found = []
     for n, side in zip(size, box.sides, strict=True):
@@ -160,4 +155,4 @@ def _cells(box: Box, step: int, size: tuple[int, int]) -> list[Span]:
             math.floor((at - n // 2 + offset) / step - offset) for at in (side.first, side.end - 1)
         )
         found.append(Span(first, last + 2))
-    return found
+    return found[0], found[1]
