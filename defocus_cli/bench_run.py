@@ -35,7 +35,7 @@ class Row:
         method: a quality or a baseline.
         errors: against the truth.
         seconds: of the rendering alone, the median of its repetitions.
-        fft_units: the same in transforms of the frame there and back, RGBA float32.
+        fft_units: the same in transforms of the frame there and back, RGBA float32, of one thread.
         peak_mb: most memory that the process held meanwhile, MB; None where no system tells.
     """
 
@@ -68,7 +68,7 @@ def measure_shot(
 
     sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
     try:
-        unit = fft_unit(sharp, threads)
+        unit = fft_unit(sharp)
         for method in methods:
             work = _work(method, shot, sharp, radius, threads)
             memory.reset_peak(device)
@@ -112,33 +112,28 @@ def warm_up(device: str) -> None:
     render(radius[None].abs(), radius)
 
 
-def fft_unit(image: Tensor, threads: int) -> float:
+def fft_unit(image: Tensor) -> float:
     """Seconds of one transform there and back of a frame of the image's size, RGBA float32.
 
-    Threads share the channels, as they share the tiles of a picture. Those of torch would wait for
-    one another wherever a core has other work.
+    Of one thread, however many render: two that share it take from half as long to longer, as their
+    memory is at hand or not, and the unit would say more of that than of the machine.
     """
-    round_trip = transform(image, threads)
+    round_trip = transform(image)
     timed(round_trip, 1)  # plans are made once
     return timed(round_trip, _PROBES)[1]
 
 
-def transform(image: Tensor, threads: int) -> Callable[[], Tensor]:
+def transform(image: Tensor) -> Callable[[], Tensor]:
     """What makes the transform there and back whose time is the unit."""
     import torch
-
-    from defocus_core.threads import threaded
 
     height, width = image.shape[-2:]
     frame = torch.rand((4, height, width), generator=torch.Generator().manual_seed(0))
     frame = frame.to(image.device)
 
-    def there_and_back(channel: Tensor) -> Tensor:
-        back: Tensor = torch.fft.irfft2(torch.fft.rfft2(channel), s=(height, width))
-        return back
-
     def round_trip() -> Tensor:
-        return list(threaded(there_and_back, frame.unbind(), threads))[-1]
+        back: Tensor = torch.fft.irfft2(torch.fft.rfft2(frame), s=(height, width))
+        return back
 
     return round_trip
 

@@ -132,7 +132,7 @@ def measure(
     scene = scenery(case.kind, height, width, case.radius)
     scene = type(scene)(*(part.to(device) for part in scene))
     work, stats = _work(case, scene, threads)
-    round_trip = transform(scene.image, threads)
+    round_trip = transform(scene.image)
     timed(round_trip, 1)  # plans are made once
     seconds: list[float] = []
     cpu, ratios, peaks = [], [], []
