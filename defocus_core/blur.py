@@ -151,11 +151,11 @@ class Blur:
             made = self._blurred(sliced, piece, index) if piece.window.margin else None
             seen = piece.patch.seen
             box = seen.seen_from(tile)
-            for some, layer in zip(shown, made or self._sharp(sliced, piece), strict=True):
-                some[piece.number] = Shown(box, layer, None)
+            moved = None
             if shifts is not None and piece.near:
                 moved = box.of(shifts) * sliced.surface.shares(piece.rungs, seen)
-                shown[-1][piece.number] = Shown(box, shown[-1][piece.number].layer, moved)
+            for some, layer in zip(shown, made or self._sharp(sliced, piece), strict=True):
+                some[piece.number] = Shown(box, layer, moved if some is shown[-1] else None)
         return shown
 
     def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:

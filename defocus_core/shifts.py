@@ -34,26 +34,23 @@ _SAME = 0.5
 @lru_cache(maxsize=256)
 def centroid(aperture: Aperture, part: Part) -> tuple[float, float]:
     """The mean lens point (u.x, u.y) of a part of the pupil, to about 1e-4."""
-    radius = torch.tensor(_SAMPLED, dtype=torch.float64)
-    extent = math.ceil(_SAMPLED)
-    shares = kernel(radius, 2 * extent + 1, aperture, part)
-    offset = torch.arange(-extent, extent + 1, dtype=shares.dtype) / radius
-    return float(shares.sum(0) @ offset), float(shares.sum(1) @ offset)
+    x, y = _shift(_SAMPLED, aperture, part)
+    return x / _SAMPLED, y / _SAMPLED
 
 
-def _apparent_radii(radii: tuple[float, ...], aperture: Aperture) -> Tensor:
-    """The radii [K] px that slices seem to have by the shift of their halves."""
+@lru_cache(maxsize=64)
+def _apparent_radii(radii: tuple[float, ...], aperture: Aperture) -> tuple[float, ...]:
+    """The radii in px that slices seem to have by the shift of their halves."""
     whole = centroid(aperture, LEFT)[0]
-    found = []
-    for r in radii:
-        if abs(r) >= NEAR:
-            found.append(r)
-            continue
-        extent = math.ceil(NEAR)
-        halved = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, LEFT)
-        offset = torch.arange(-extent, extent + 1, dtype=halved.dtype)
-        found.append(float((halved.sum(0) * offset).sum()) / whole)
-    return torch.tensor(found, dtype=torch.float64)
+    return tuple(r if abs(r) >= NEAR else _shift(r, aperture, LEFT)[0] / whole for r in radii)
+
+
+def _shift(r: float, aperture: Aperture, part: Part) -> tuple[float, float]:
+    """Px to the right and downwards by which the kernel of a part shifts what it blurs."""
+    extent = math.ceil(abs(r))
+    shares = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, part)
+    offset = torch.arange(-extent, extent + 1, dtype=shares.dtype)
+    return float(shares.sum(0) @ offset), float(shares.sum(1) @ offset)
 
 
 class Shifts:
@@ -82,7 +79,7 @@ class Shifts:
         """
         self._color, self._radius, self._places = color, signed_radius, places
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
-        self._apparent = _apparent_radii(radii, aperture).to(places)
+        self._apparent = places.new_tensor(_apparent_radii(radii, aperture))
         # up to there pixels have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [centroid(aperture, part) for part in parts]
