@@ -59,8 +59,9 @@ def finished(
         progress: As for `render`.
     """
     beyond, given = None, signed_radius
-    if frame.edges:
+    if frame.ramps:
         signed_radius = WithoutRamps(signed_radius)
+    if frame.edges:
         beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads, frame.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)

@@ -165,16 +165,13 @@ class Blur:
         box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
         pixels = surface.members(rungs, box, piece.patch.lit)
         spectra = torch.fft.rfft2(pixels).unbind(1)
-        tilted = [i for i, rung in enumerate(rungs) if rung in sliced.surface.tilted_plan[index]]
+        tilted = [rung for rung in rungs if rung in surface.tilted_plan[index]]
+        found = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
+        slopes = dict(zip(tilted, found, strict=True))
+        leaning = [i for i, rung in enumerate(rungs) if rung in slopes and not slopes[rung]]
         terms: list[tuple[Tensor, Tensor]] = []
-        leaning = []
         for i, rung in enumerate(rungs):
-            k = rung * sliced.stride
-            slope = None
-            if i in tilted:
-                slope = surface.plane(rung, self._grid.tiles[index].around(window.margin))
-                if not slope:
-                    leaning.append(i)
+            k, slope = rung * sliced.stride, slopes.get(rung)
             kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
             terms.append((spectra[i], kernel))
         if leaning:

@@ -69,6 +69,7 @@ class Frame:
         known: How what is known to be hidden is blurred.
         invented: How what is invented is.
         edges: Whether surfaces hide others.
+        ramps: Whether some edges are soft.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
         sharp: Radius in px up to which pixels are in focus; None where slices were asked for.
@@ -94,6 +95,7 @@ class Frame:
     known: FillSlices
     invented: FillSlices
     edges: bool
+    ramps: bool
     tilted: bool
     margin: int
     sharp: float | None
@@ -205,6 +207,7 @@ def frame_of(
         known=filling(1, 0, spreads, reaches),
         invented=filling(stride, halvings, coarse, invented),
         edges=edges,
+        ramps=seen.ramps,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
         sharp=None if num_layers else SHARP,

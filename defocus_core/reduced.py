@@ -62,8 +62,11 @@ class Reduced:
         size = window.fitting(patch.least)
         cells = Box(*patch.corner, *size)
         terms: list[tuple[Tensor, Tensor]] = []
+        sloping = [rung for rung in slices if rung in tilted]
+        found = surface.planes(sloping, core.around(reach))
+        slopes = dict(zip(sloping, found, strict=True))
         for rung, k in slices.items():
-            slope = surface.plane(rung, core.around(reach)) if rung in tilted else None
+            slope = slopes.get(rung)
             lean = rung in tilted and not slope
             plain, *leaning = torch.fft.rfft2(
                 surface.averaged(rung, window.halvings, cells, middle, tilted=lean)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import pad
 
 from defocus_core.tiling import BLOCK, Box
 
@@ -45,11 +45,13 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     if not bool(steep.any()):
         return None
     if least and not bool(steep.all()):
-        steep &= _share_around(steep) > _AREA
+        steep &= _many_around(steep)
         if not bool(steep.any()):
             return None
     long = square > 1
-    return gradient * torch.where(long, torch.where(long, square, 1.0).rsqrt(), 1.0) * steep
+    if bool(long.any()):
+        gradient = gradient * torch.where(long, torch.where(long, square, 1.0).rsqrt(), 1.0)
+    return gradient * steep
 
 
 class Planes:
@@ -65,28 +67,57 @@ class Planes:
         """
         self._lowest, self._highest, self._blocks = lowest, highest, blocks
 
-    def slope(self, number: int, box: Box) -> tuple[float, float] | None:
-        """The slope of a slice, x and y, if it has but one within a rectangle of the frame."""
+    def slopes(self, numbers: list[int], box: Box) -> list[tuple[float, float] | None]:
+        """The slope of slices, x and y; None for one that has not the same all over a rectangle.
+
+        Args:
+            numbers: Of the slices.
+            box: The rectangle.
+        """
+        if not numbers:
+            return []
         top, left = max(box.top // BLOCK, 0), max(box.left // BLOCK, 0)
         below, beside = -(-(box.top + box.height) // BLOCK), -(-(box.left + box.width) // BLOCK)
-        some = self._blocks[number, top:below, left:beside]
-        lowest = self._lowest[:, top:below, left:beside][:, some]
+        lowest, highest = (x[:, top:below, left:beside] for x in (self._lowest, self._highest))
         if not lowest.numel():
-            return None
-        low, high = lowest.amin(1), self._highest[:, top:below, left:beside][:, some].amax(1)
-        if float((high - low).max()) > _SAME:
-            return None
-        x, y = ((low + high) / 2).tolist()
-        return x, y
+            return [None] * len(numbers)
+        some = self._blocks[numbers, top:below, left:beside][:, None]
+        low = torch.where(some, lowest, torch.inf).flatten(2).amin(2)
+        high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
+        same = ((high - low).amax(1) <= _SAME) & (low[:, 0] < torch.inf)
+        middle = ((low + high) / 2).tolist()
+        return [(x, y) if one else None for (x, y), one in zip(middle, same.tolist(), strict=True)]
 
 
-def _share_around(mask: Tensor) -> Tensor:
-    """The share of a mask [H, W] in the square around each pixel."""
+def _many_around(mask: Tensor) -> Tensor:
+    """Where a mask [H, W] holds enough of the square around each pixel, as far as it is there."""
     size = 2 * _AROUND + 1
-    share = mask[None].to(torch.float32)
-    for kernel, edge in (((size, 1), (_AROUND, 0)), ((1, size), (0, _AROUND))):
-        share = avg_pool2d(share, kernel, stride=1, padding=edge, count_include_pad=False)
-    return share[0]
+    count, area = mask.to(torch.uint8), []  # a square has fewer pixels than 255
+    for dim in (0, 1):
+        n = mask.shape[dim]
+        place = torch.arange(n, device=mask.device)
+        area.append((place + _AROUND).clamp(max=n - 1) - (place - _AROUND).clamp(min=0) + 1)
+        around = [_AROUND, _AROUND] if dim else [0, 0, _AROUND, _AROUND]
+        count = _sums_of(pad(count, around), size, dim)
+    least = (_AREA * (area[0][:, None] * area[1])).floor()
+    return count > least.to(torch.uint8)
+
+
+def _sums_of(values: Tensor, count: int, dim: int) -> Tensor:
+    """Sums of so many neighbours along an axis, from sums of twice as many each time."""
+    n = values.shape[dim] + 1 - count
+    total, done, size = None, 0, 1
+    while True:
+        if count & size:
+            some = values.narrow(dim, done, n)
+            total = some.clone() if total is None else total.add_(some)
+            done += size
+        if done == count:
+            assert total is not None
+            return total
+        length = values.shape[dim] - size
+        values = values.narrow(dim, 0, length) + values.narrow(dim, size, length)
+        size *= 2
 
 
 def _limited(r: Tensor, dim: int) -> Tensor:

@@ -160,12 +160,12 @@ class Surface:
         assert self._slopes is not None
         return window.seen_from(self._framed_box).of(self._slopes)
 
-    def plane(self, rung: int, box: Box) -> tuple[float, float] | None:
-        """The slope of a slice within a rectangle, if it is the same all over and no gradient.
+    def planes(self, rungs: list[int], box: Box) -> list[tuple[float, float] | None]:
+        """The slopes of slices within a rectangle; None for one that has a gradient or several.
 
         Counted from the first sample.
         """
-        return self._planes.slope(rung, box) if self._planes else None
+        return self._planes.slopes(rungs, box) if self._planes else [None] * len(rungs)
 
     def bounds(self, rungs: list[int]) -> Box:
         """A rectangle that holds all samples of some slices."""

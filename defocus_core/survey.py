@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.ramps import has_ramps
 from defocus_core.ranks import Ranks, counted
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.threads import threaded
@@ -24,6 +25,7 @@ class Survey(NamedTuple):
         least: Signed radius in px.
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
+        ramps: Whether soft edges of depth are to be made steps.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
         brightness: Of all pixels.
@@ -34,6 +36,7 @@ class Survey(NamedTuple):
     least: float
     most: float
     steepest: tuple[float, float]
+    ramps: bool
     darkest: float
     brightest: float
     brightness: Ranks
@@ -55,9 +58,10 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
     """
     H, W = signed_radius.shape
 
-    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        below = signed_radius[rows[0] : rows[1] + 1].detach().to(dtype)
-        r = below[: rows[1] - rows[0]]
+    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, bool, Tensor, Tensor, Tensor]:
+        around = signed_radius[rows[0] : rows[1] + 2].detach().to(dtype)
+        below = around[: rows[1] + 1 - rows[0]]
+        r = around[: rows[1] - rows[0]]
         some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         steps = [
             step.abs().amax() if step.numel() else r.new_zeros(())
@@ -66,13 +70,15 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         brightness = some.amax(0)
         few = _few(brightness, rows[0])
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
-        return ends, counted(brightness), counted(few), (few <= 0).sum()
+        ramps = has_ramps(around, float(torch.maximum(*steps)))
+        return ends, ramps, counted(brightness), counted(few), (few <= 0).sum()
 
     found = threaded(looked_at, bands(H, W), threads)
-    of_first, counts, lit, black = next(found)
+    of_first, ramps, counts, lit, black = next(found)
     of_bands = [of_first]
-    for numbers_of_it, *more in found:
+    for numbers_of_it, ramps_of_it, *more in found:
         of_bands.append(numbers_of_it)
+        ramps = ramps or ramps_of_it
         for summed, each in zip((counts, lit, black), more, strict=True):
             summed += each
     numbers = torch.stack(of_bands)
@@ -92,6 +98,7 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
+        ramps=ramps,
         darkest=float(ends[2]),
         brightest=float(ends[3]),
         brightness=Ranks(counts, brightness_again, dtype),

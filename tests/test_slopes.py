@@ -5,7 +5,7 @@ import torch
 from measures import inner, psnr, worst
 
 from defocus_core import render
-from defocus_core.slopes import Planes, slopes
+from defocus_core.slopes import Planes, _many_around, slopes
 from defocus_core.tiling import Box, block_ends
 
 SIZE = (40, 60)
@@ -95,10 +95,24 @@ def test_a_plane_has_one_slope_where_it_is_alone() -> None:
     blocks = torch.zeros(2, 4, 6, dtype=torch.bool)
     blocks[0, :2], blocks[1, 2:, 4:], blocks[1, 0, 0] = True, True, True
     planes = Planes(*block_ends(lean), blocks)
-    assert planes.slope(0, Box(-8, -8, 80, 120)) == pytest.approx((0.2, -0.3))
-    assert planes.slope(1, Box(-8, -8, 80, 120)) is None
-    assert planes.slope(1, Box(48, 64, 16, 32)) == pytest.approx((0.4, 0.4))
-    assert planes.slope(0, Box(48, 64, 16, 32)) is None  # it is not there
+    first, second = planes.slopes([0, 1], Box(-8, -8, 80, 120))
+    assert first == pytest.approx((0.2, -0.3))
+    assert second is None
+    nowhere, alone = planes.slopes([0, 1], Box(48, 64, 16, 32))
+    assert nowhere is None
+    assert alone == pytest.approx((0.4, 0.4))
+    assert planes.slopes([0], Box(200, 0, 16, 16)) == [None]
+    assert planes.slopes([], Box(0, 0, 16, 16)) == []
+
+
+def test_enough_of_the_square_around_is_counted_to_the_pixel() -> None:
+    """Squares that the frame cuts have fewer pixels, of which as large a share is enough."""
+    mask = torch.rand(23, 31, generator=torch.Generator().manual_seed(6)) < 0.35
+    found = _many_around(mask)
+    for y in range(23):
+        for x in range(31):
+            square = mask[max(y - 5, 0) : y + 6, max(x - 5, 0) : x + 6]
+            assert bool(found[y, x]) == (float(square.double().mean()) > 0.345)
 
 
 @pytest.mark.parametrize("top", [8.0, 60.0])
@@ -110,7 +124,7 @@ def test_a_tilted_kernel_does_what_a_tilted_slice_does(
     radius = torch.linspace(top, -top, 150)[:, None].repeat(1, 200)
     radius[:, 50:56] = -top
     short = render(image, radius, left_right=True)
-    monkeypatch.setattr(Planes, "slope", lambda *_: None)
+    monkeypatch.setattr(Planes, "slopes", lambda _, numbers, box: [None] * len(numbers))
     whole = render(image, radius, left_right=True)
     assert 0 < worst(short.render, whole.render) < 2e-5
     assert short.left is not None

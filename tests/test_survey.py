@@ -33,6 +33,16 @@ def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
     assert (seen.least, seen.most) == (0.0, 7.0)
 
 
+@pytest.mark.parametrize("row", [1, 254, 255, 256, 598])
+def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 4.0
+    assert not survey(noise(3, *SIZE), radius, torch.float32, 1).ramps
+    radius[row, 5] = 2.0  # in two steps
+    assert survey(noise(3, *SIZE), radius, torch.float32, 1).ramps
+    assert survey(noise(3, *SIZE[::-1]), radius.T, torch.float32, 2).ramps
+
+
 def test_brightness_is_that_of_the_brightest_channel() -> None:
     image = noise(3, *SIZE)
     seen = survey(image.half(), torch.zeros(SIZE), torch.float32, 2)
