@@ -17,6 +17,7 @@ from defocus_core.ramps import WithoutRamps
 from defocus_core.recomputed import recomputed, unrecorded
 from defocus_core.region import Region
 from defocus_core.source import Pixels
+from defocus_core.terraces import WithoutTerraces
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box, Grid, regions
 
@@ -61,6 +62,8 @@ def finished(
     beyond, given = None, signed_radius
     if frame.ramps:
         signed_radius = WithoutRamps(signed_radius)
+    if frame.terraces:
+        signed_radius = WithoutTerraces(signed_radius)
     if frame.edges:
         beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads, frame.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]

@@ -63,6 +63,21 @@ def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tenso
     return seen.addcmul(layer, share) if torch.is_grad_enabled() else seen.addcmul_(layer, share)
 
 
+def filled_up_to(seen: Tensor, full: Tensor | float, doubt: float) -> Tensor:
+    """What is covered at most, [M, 1, h, w], if gaps may be errors of what is seen.
+
+    Of a gap less than the doubt only its share of that is filled: a tenth of it by a tenth.
+
+    Args:
+        seen: [M, C + 1, h, w], as above.
+        full: What is covered at most if there is no doubt.
+        doubt: Share of the part that gaps may be in error.
+    """
+    covered = seen[:, -1:]
+    left = (full - covered).clamp(min=0)
+    return covered + left * (left / doubt).clamp(max=1)
+
+
 def add_within(total: Tensor, box: Box, some: Tensor, share: Tensor | None = None) -> Tensor:
     """Add to [M, C, H, W] what is but within a rectangle, [M, C, h, w], or a share of that.
 

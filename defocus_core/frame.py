@@ -70,6 +70,7 @@ class Frame:
         invented: How what is invented is.
         edges: Whether surfaces hide others.
         ramps: Whether some edges are soft.
+        terraces: Whether depth has but few levels.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
         sharp: Radius in px up to which pixels are in focus; None where slices were asked for.
@@ -96,6 +97,7 @@ class Frame:
     invented: FillSlices
     edges: bool
     ramps: bool
+    terraces: bool
     tilted: bool
     margin: int
     sharp: float | None
@@ -208,6 +210,7 @@ def frame_of(
         invented=filling(stride, halvings, coarse, invented),
         edges=edges,
         ramps=seen.ramps,
+        terraces=seen.terraces,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
         sharp=None if num_layers else SHARP,

@@ -12,7 +12,15 @@ from torch import Tensor
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import share_in_frame
-from defocus_core.compositing import add_behind, add_within, is_full, pair_of, picture, share_behind
+from defocus_core.compositing import (
+    add_behind,
+    add_within,
+    filled_up_to,
+    is_full,
+    pair_of,
+    picture,
+    share_behind,
+)
 from defocus_core.filling import Filling
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes
@@ -30,6 +38,9 @@ from defocus_core.tiling import Box, Grid
 
 # Px around a pixel that decide how it is tilted, and the gradient of its colours.
 _AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
+# Gaps between visible surfaces, as a share of the slopes that are neglected, that may be but errors
+# of depth in few levels: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
+_DOUBT = 0.5
 
 
 class Region:
@@ -150,7 +161,11 @@ class Region:
             seen = self._filled(seen, self._known, index, full)
         observed = seen[0][:, -1].clone()
         if self._invented:
-            seen = self._filled(seen, self._invented, index, full)
+            most: list[Tensor | float] = full
+            if frame.terraces:
+                doubt = _DOUBT * frame.quality.least_slope
+                most = [filled_up_to(*pair, doubt) for pair in zip(seen, full, strict=True)]
+            seen = self._filled(seen, self._invented, index, most)
         whole, *halves = self._lit(seen, index)
         trust = self._trust(whole[:, -1], observed, index)
         centre = picture(whole, frame.weights[: frame.centre], signed=frame.signed)

@@ -11,6 +11,7 @@ from torch import Tensor
 from defocus_core.ramps import has_ramps
 from defocus_core.ranks import Ranks, counted
 from defocus_core.source import Pixels, banded, bands
+from defocus_core.terraces import are_few, levels_of
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
@@ -26,6 +27,7 @@ class Survey(NamedTuple):
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
         ramps: Whether soft edges of depth are to be made steps.
+        terraces: Whether small steps are to be made slopes.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
         brightness: Of all pixels.
@@ -37,6 +39,7 @@ class Survey(NamedTuple):
     most: float
     steepest: tuple[float, float]
     ramps: bool
+    terraces: bool
     darkest: float
     brightest: float
     brightness: Ranks
@@ -58,7 +61,9 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
     """
     H, W = signed_radius.shape
 
-    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, bool, Tensor, Tensor, Tensor]:
+    def looked_at(
+        rows: tuple[int, int],
+    ) -> tuple[Tensor, bool, Tensor | None, Tensor, Tensor, Tensor]:
         around = signed_radius[rows[0] : rows[1] + 2].detach().to(dtype)
         below = around[: rows[1] + 1 - rows[0]]
         r = around[: rows[1] - rows[0]]
@@ -71,13 +76,16 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         few = _few(brightness, rows[0])
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
         ramps = has_ramps(around, float(torch.maximum(*steps)))
-        return ends, ramps, counted(brightness), counted(few), (few <= 0).sum()
+        some_rows = slice(-rows[0] % _SOME, rows[1] - rows[0], _SOME)
+        levels = levels_of(r[some_rows], around[1:][some_rows])
+        return ends, ramps, levels, counted(brightness), counted(few), (few <= 0).sum()
 
     found = threaded(looked_at, bands(H, W), threads)
-    of_first, ramps, counts, lit, black = next(found)
-    of_bands = [of_first]
-    for numbers_of_it, ramps_of_it, *more in found:
+    of_first, ramps, first_levels, counts, lit, black = next(found)
+    of_bands, levels = [of_first], [first_levels]
+    for numbers_of_it, ramps_of_it, levels_of_it, *more in found:
         of_bands.append(numbers_of_it)
+        levels.append(levels_of_it)
         ramps = ramps or ramps_of_it
         for summed, each in zip((counts, lit, black), more, strict=True):
             summed += each
@@ -99,6 +107,7 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
         ramps=ramps,
+        terraces=are_few(levels),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
         brightness=Ranks(counts, brightness_again, dtype),

@@ -36,6 +36,7 @@ LAYERS = [
         "ramps",
         "sheets",
         "slicing",
+        "terraces",
     }
     | {"thin_lens"},
     {

@@ -6,7 +6,7 @@ from measures import worst
 from tolerances import ROUNDING
 from torch import Tensor
 
-from defocus_core.compositing import add_behind, pair_of, picture
+from defocus_core.compositing import add_behind, filled_up_to, pair_of, picture
 
 EXACT = ROUNDING[torch.float64]
 
@@ -39,6 +39,14 @@ def test_coverage_saturates_at_one() -> None:
     seen = composite((0.6, 1.0), (0.8, 0.5), (0.5, 9.0))
     assert worst(seen[:, 1], 1.0) < EXACT
     assert worst(seen[:, 0], 0.6 + 0.4 * 0.5) < EXACT
+
+
+@pytest.mark.parametrize(("gap", "filled"), [(0.3, 0.3), (0.1, 0.1), (0.05, 0.025), (0.01, 0.001)])
+def test_small_gaps_are_filled_by_their_share_of_the_doubt(gap: float, filled: float) -> None:
+    seen = composite((0.9 - gap, 1.0))
+    most = filled_up_to(seen, 0.9, 0.1)
+    assert worst(add_behind(seen, layer(1.0, 0.5), most)[:, 1], 0.9 - gap + filled) < EXACT
+    assert worst(filled_up_to(seen, 0.5 - gap, 0.1), seen[:, 1:]) == 0  # more is covered already
 
 
 def test_nothing_adds_nothing() -> None:

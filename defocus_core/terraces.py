@@ -1,0 +1,131 @@
+"""Depth in few levels, made smooth again: between two levels a surface has small steps.
+
+An 8-bit depth map shows a slope as terraces. Where the radius steps by up to a pixel no surface
+ends, but one step of nearly a pixel leaves a gap as wide, through which one would see, as a thin
+line, what lies far behind. Pixels beside such steps get the mean radius of those around them, as
+far as one surface goes.
+"""
+
+from __future__ import annotations
+
+from types import EllipsisType
+
+import torch
+from torch import Tensor
+
+from defocus_core.source import Pixels
+from defocus_core.tiling import Box
+
+# The share of neighbours that are alike, and the numbers of different radii, of depth in levels.
+_ALIKE = 0.5
+_FEW, _MANY = 32, 1024
+# Every how many columns are looked at for that: sorting takes long.
+_EVERY = 8
+# Steps in px between two terraces; and what is flat beside them, as a share of the step.
+_LEAST, _MOST, _FLAT = 0.2, 1.0, 0.1
+# Px over which a step is spread to each side.
+_WIDE = 4
+# Px around a pixel that decide what it becomes.
+AROUND = 2 * _WIDE + 2
+
+
+def levels_of(rows: Tensor, below: Tensor) -> Tensor | None:
+    """The different radii in some rows; None if neighbours are mostly not alike.
+
+    No more than it takes to tell that there are many.
+
+    Args:
+        rows: [n, W] px.
+        below: The rows below them, one less at the end of a frame.
+    """
+    steps = (rows.diff(dim=1), below - rows[: len(below)])
+    for step in steps:
+        if not step.numel() or int((step == 0).sum()) <= _ALIKE * step.numel():
+            return None
+    found: Tensor = torch.unique(rows[:, ::_EVERY])
+    return found[: _MANY + 1]
+
+
+def are_few(levels: list[Tensor | None]) -> bool:
+    """Whether the radii of all rows of a frame, from `levels_of`, are those of few levels."""
+    found = [some for some in levels if some is not None]
+    if len(found) <= len(levels) / 2:
+        return False
+    every: Tensor = torch.unique(torch.cat(found))
+    return _FEW < len(every) <= _MANY
+
+
+class WithoutTerraces:
+    """Radii [H, W] px without small steps, made so in each window as it is cut."""
+
+    def __init__(self, signed_radius: Pixels) -> None:
+        self._given = signed_radius
+        self.shape = tuple(signed_radius.shape)
+        self.dtype = signed_radius.dtype
+        self.device = signed_radius.device
+
+    def __getitem__(self, window: tuple[EllipsisType, slice, slice]) -> Tensor:
+        """What a box cuts."""
+        (top, below), (left, beside) = ((cut.start, cut.stop) for cut in window[1:])
+        box = Box(top, left, below - top, beside - left)
+        around = box.grown(AROUND, Box(0, 0, *self.shape))
+        return box.seen_from(around).of(without_terraces(around.of(self._given)))
+
+
+def without_terraces(signed_radius: Tensor) -> Tensor:
+    """Radii [H, W] px without small steps."""
+    r = signed_radius.detach()
+    steps = _after_a_step(r, -1) | _after_a_step(r, -2)
+    if not bool(steps.any()):
+        return signed_radius
+    at = torch.nonzero(_around(steps))
+    down, across = _smoothed(signed_radius, at, 0), _smoothed(signed_radius, at, 1)
+    return (_smoothed(down, at, 1) + _smoothed(across, at, 0)) / 2  # no axis is the first
+
+
+def _smoothed(radii: Tensor, at: Tensor, dim: int) -> Tensor:
+    """Radii [H, W] of which some, at [n, 2], are means along an axis.
+
+    As far to both sides as the surface goes on: a slope stays as it is.
+    """
+    length, stride = radii.shape[dim], (radii.shape[1], 1)[dim]
+    flat, index = radii.flatten(), at[:, 0] * radii.shape[1] + at[:, 1]
+    total = flat.index_select(0, index)
+    count, goes_on = torch.ones_like(total), torch.ones_like(index, dtype=torch.bool)
+    ends = (total, total)
+    for distance in range(1, _WIDE + 1):
+        goes_on = goes_on & (at[:, dim] >= distance) & (at[:, dim] < length - distance)
+        shift = distance * stride * goes_on
+        further = [flat.index_select(0, index + way * shift) for way in (-1, 1)]
+        for end, next_end in zip(ends, further, strict=True):
+            goes_on = goes_on & ((next_end - end).detach().abs() <= _MOST)
+        total = total + torch.where(goes_on, further[0] + further[1], 0.0)
+        count += 2 * goes_on
+        ends = (further[0], further[1])
+    return flat.index_copy(0, index, total / count).reshape(radii.shape)
+
+
+def _after_a_step(r: Tensor, dim: int) -> Tensor:
+    """Which pixels [H, W] follow on a small step between two terraces along an axis."""
+    found = torch.zeros_like(r, dtype=torch.bool)
+    if r.shape[dim] < 4:
+        return found
+    step = r.diff(dim=dim).abs()
+    n = step.shape[dim] - 2
+    before, here, after = (step.narrow(dim, i, n) for i in range(3))
+    small = (here > _LEAST) & (here <= _MOST) & (torch.maximum(before, after) < _FLAT * here)
+    found.narrow(dim, 2, n).copy_(small)
+    return found
+
+
+def _around(some: Tensor) -> Tensor:
+    """The pixels to both sides of steps [H, W] bool, as far as they are spread."""
+    for dim in (0, 1):
+        found, length = some.clone(), some.shape[dim]
+        for shift in range(-_WIDE, _WIDE):  # a step lies between a pixel and the one before it
+            n = length - abs(shift)
+            if shift and n > 0:
+                here, there = max(shift, 0), max(-shift, 0)
+                found.narrow(dim, here, n).logical_or_(some.narrow(dim, there, n))
+        some = found
+    return some
