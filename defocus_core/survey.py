@@ -11,7 +11,7 @@ from torch import Tensor
 from defocus_core.ramps import has_ramps
 from defocus_core.ranks import Ranks, counted
 from defocus_core.source import Pixels, banded, bands
-from defocus_core.terraces import are_few, levels_of
+from defocus_core.terraces import Levels, are_few, levels_of
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
@@ -63,7 +63,7 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
 
     def looked_at(
         rows: tuple[int, int],
-    ) -> tuple[Tensor, bool, Tensor | None, Tensor, Tensor, Tensor]:
+    ) -> tuple[Tensor, bool, Levels, Tensor, Tensor, Tensor]:
         around = signed_radius[rows[0] : rows[1] + 2].detach().to(dtype)
         below = around[: rows[1] + 1 - rows[0]]
         r = around[: rows[1] - rows[0]]

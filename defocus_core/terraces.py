@@ -9,6 +9,7 @@ far as one surface goes.
 from __future__ import annotations
 
 from types import EllipsisType
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,9 +17,10 @@ from torch import Tensor
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 
-# The share of neighbours that are alike, and the numbers of different radii, of depth in levels.
-_ALIKE = 0.5
-_FEW, _MANY = 32, 1024
+# Of depth in levels: the share of neighbours that are alike, of the others the shares between which
+# there is no edge, and a step that matters; and the numbers of different radii.
+_ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
+_FEW, _MANY = 32, 256
 # Every how many columns are looked at for that: sorting takes long.
 _EVERY = 8
 # Steps in px between two terraces; and what is flat beside them, as a share of the step.
@@ -29,28 +31,47 @@ _WIDE = 4
 AROUND = 2 * _WIDE + 2
 
 
-def levels_of(rows: Tensor, below: Tensor) -> Tensor | None:
-    """The different radii in some rows; None if neighbours are mostly not alike.
+class Levels(NamedTuple):
+    """What a part of a frame tells of the levels of its depth.
 
-    No more than it takes to tell that there are many.
+    Attributes:
+        steps: Along both axes how many steps there are, and how many are none, too small to
+            matter, and too small for an edge: [2][4].
+        radii: Different ones, px, no more than it takes to tell that there are many; None if
+            neighbours are mostly not alike.
+    """
+
+    steps: list[list[int]]
+    radii: Tensor | None
+
+
+def levels_of(rows: Tensor, below: Tensor) -> Levels:
+    """Look at some rows of a frame.
 
     Args:
         rows: [n, W] px.
         below: The rows below them, one less at the end of a frame.
     """
-    steps = (rows.diff(dim=1), below - rows[: len(below)])
-    for step in steps:
-        if not step.numel() or int((step == 0).sum()) <= _ALIKE * step.numel():
-            return None
-    found: Tensor = torch.unique(rows[:, ::_EVERY])
-    return found[: _MANY + 1]
+    sizes = [step.abs() for step in (rows.diff(dim=1), below - rows[: len(below)])]
+    steps = [
+        [size.numel(), *(int((size <= most).sum()) for most in (0, _LEAST, _MOST))]
+        for size in sizes
+    ]
+    if any(count and same <= _ALIKE * count for count, same, *_ in steps):
+        return Levels(steps, None)
+    radii: Tensor = torch.unique(rows[:, ::_EVERY])
+    return Levels(steps, radii[: _MANY + 1])
 
 
-def are_few(levels: list[Tensor | None]) -> bool:
-    """Whether the radii of all rows of a frame, from `levels_of`, are those of few levels."""
-    found = [some for some in levels if some is not None]
-    if len(found) <= len(levels) / 2:
+def are_few(levels: list[Levels]) -> bool:
+    """Whether the depth of a frame, of which all parts are told, has but few levels."""
+    found = [part.radii for part in levels if part.radii is not None]
+    if len(found) < len(levels):
         return False
+    for axis in zip(*(part.steps for part in levels), strict=True):
+        count, same, least, small = (sum(numbers) for numbers in zip(*axis, strict=True))
+        if small - same <= _SMALL * (count - same) or small - least <= _MATTERS * (count - same):
+            return False
     every: Tensor = torch.unique(torch.cat(found))
     return _FEW < len(every) <= _MANY
 

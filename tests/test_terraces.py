@@ -49,6 +49,13 @@ def test_depth_in_few_levels_is_told_from_surfaces() -> None:
     assert not seen(slope()[:, :1].repeat(1, SIZE[1]))  # what is level across is a smooth slope
 
 
+@pytest.mark.parametrize("height", [255, 256, 257, 258, 520])
+def test_a_band_of_a_few_rows_decides_nothing(height: int) -> None:
+    """Rows are looked at 256 at a time."""
+    tall = torch.nn.functional.interpolate(slope()[None, None], (height, SIZE[1]), mode="bilinear")
+    assert seen(in_levels(tall[0, 0]))
+
+
 def test_small_steps_become_slopes() -> None:
     given = in_levels(slope())
     found = without_terraces(given)
