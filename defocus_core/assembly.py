@@ -13,11 +13,14 @@ from defocus_core.backdrop import backdrop
 from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
-from defocus_core.ramps import WithoutRamps
+from defocus_core.mended import Mended
+from defocus_core.ramps import AROUND as AROUND_RAMPS
+from defocus_core.ramps import without_ramps
 from defocus_core.recomputed import recomputed, unrecorded
 from defocus_core.region import Region
 from defocus_core.source import Pixels
-from defocus_core.terraces import WithoutTerraces
+from defocus_core.terraces import AROUND as AROUND_TERRACES
+from defocus_core.terraces import without_terraces
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box, Grid, regions
 
@@ -61,9 +64,9 @@ def finished(
     """
     beyond, given = None, signed_radius
     if frame.ramps:
-        signed_radius = WithoutRamps(signed_radius)
+        signed_radius = Mended(signed_radius, without_ramps, AROUND_RAMPS)
     if frame.terraces:
-        signed_radius = WithoutTerraces(signed_radius)
+        signed_radius = Mended(signed_radius, without_terraces, AROUND_TERRACES)
     if frame.edges:
         beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads, frame.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]

@@ -8,13 +8,8 @@ radius at the end of the ramp that its own is closer to.
 
 from __future__ import annotations
 
-from types import EllipsisType
-
 import torch
 from torch import Tensor
-
-from defocus_core.source import Pixels
-from defocus_core.tiling import Box
 
 # Slope in px per px, on both sides of a pixel, of a ramp.
 _STEEP = 1.5
@@ -22,24 +17,6 @@ _STEEP = 1.5
 _WIDEST = 10
 # Px around a pixel that decide what it becomes.
 AROUND = _WIDEST + 2
-
-
-class WithoutRamps:
-    """Radii [H, W] px with steps in the place of ramps, made so in each window as it is cut."""
-
-    def __init__(self, signed_radius: Pixels) -> None:
-        self._given = signed_radius
-        self.shape = tuple(signed_radius.shape)
-        self.dtype = signed_radius.dtype
-        self.device = signed_radius.device
-
-    def __getitem__(self, window: tuple[EllipsisType, slice, slice]) -> Tensor:
-        """What a box cuts."""
-        (top, below), (left, beside) = ((cut.start, cut.stop) for cut in window[1:])
-        box = Box(top, left, below - top, beside - left)
-        around = box.grown(AROUND, Box(0, 0, *self.shape))
-        given = around.of(self._given)
-        return box.seen_from(around).of(without_ramps(given))
 
 
 def without_ramps(signed_radius: Tensor) -> Tensor:

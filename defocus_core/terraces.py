@@ -8,14 +8,10 @@ far as one surface goes.
 
 from __future__ import annotations
 
-from types import EllipsisType
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-
-from defocus_core.source import Pixels
-from defocus_core.tiling import Box
 
 # Of depth in levels: the share of neighbours that are alike, of the others the shares between which
 # there is no edge, and a step that matters; and the numbers of different radii.
@@ -76,27 +72,10 @@ def are_few(levels: list[Levels]) -> bool:
     return _FEW < len(every) <= _MANY
 
 
-class WithoutTerraces:
-    """Radii [H, W] px without small steps, made so in each window as it is cut."""
-
-    def __init__(self, signed_radius: Pixels) -> None:
-        self._given = signed_radius
-        self.shape = tuple(signed_radius.shape)
-        self.dtype = signed_radius.dtype
-        self.device = signed_radius.device
-
-    def __getitem__(self, window: tuple[EllipsisType, slice, slice]) -> Tensor:
-        """What a box cuts."""
-        (top, below), (left, beside) = ((cut.start, cut.stop) for cut in window[1:])
-        box = Box(top, left, below - top, beside - left)
-        around = box.grown(AROUND, Box(0, 0, *self.shape))
-        return box.seen_from(around).of(without_terraces(around.of(self._given)))
-
-
 def without_terraces(signed_radius: Tensor) -> Tensor:
     """Radii [H, W] px without small steps."""
     r = signed_radius.detach()
-    steps = _after_a_step(r, -1) | _after_a_step(r, -2)
+    steps = _at_a_step(r, -1) | _at_a_step(r, -2)
     if not bool(steps.any()):
         return signed_radius
     at = torch.nonzero(_around(steps))
@@ -126,8 +105,8 @@ def _smoothed(radii: Tensor, at: Tensor, dim: int) -> Tensor:
     return flat.index_copy(0, index, total / count).reshape(radii.shape)
 
 
-def _after_a_step(r: Tensor, dim: int) -> Tensor:
-    """Which pixels [H, W] follow on a small step between two terraces along an axis."""
+def _at_a_step(r: Tensor, dim: int) -> Tensor:
+    """The pixels [H, W] on both sides of small steps between terraces along an axis."""
     found = torch.zeros_like(r, dtype=torch.bool)
     if r.shape[dim] < 4:
         return found
@@ -135,18 +114,18 @@ def _after_a_step(r: Tensor, dim: int) -> Tensor:
     n = step.shape[dim] - 2
     before, here, after = (step.narrow(dim, i, n) for i in range(3))
     small = (here > _LEAST) & (here <= _MOST) & (torch.maximum(before, after) < _FLAT * here)
-    found.narrow(dim, 2, n).copy_(small)
+    for first in (1, 2):
+        found.narrow(dim, first, n).logical_or_(small)
     return found
 
 
 def _around(some: Tensor) -> Tensor:
-    """The pixels to both sides of steps [H, W] bool, as far as they are spread."""
+    """The pixels over which steps between some [H, W] bool are spread."""
     for dim in (0, 1):
         found, length = some.clone(), some.shape[dim]
-        for shift in range(-_WIDE, _WIDE):  # a step lies between a pixel and the one before it
-            n = length - abs(shift)
-            if shift and n > 0:
-                here, there = max(shift, 0), max(-shift, 0)
+        for shift in range(1, min(_WIDE, length)):
+            n = length - shift
+            for here, there in ((0, shift), (shift, 0)):
                 found.narrow(dim, here, n).logical_or_(some.narrow(dim, there, n))
         some = found
     return some

@@ -31,6 +31,7 @@ LAYERS = [
     {
         "compositing",
         "convolution",
+        "mended",
         "mixed",
         "points",
         "ramps",

@@ -4,7 +4,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.ramps import WithoutRamps, without_ramps
+from defocus_core.mended import Mended
+from defocus_core.ramps import AROUND, without_ramps
 from defocus_core.source import bands
 from defocus_core.survey import survey
 from defocus_core.tiling import Box
@@ -83,6 +84,6 @@ def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None
     radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
     whole = without_ramps(radius)
     assert not torch.equal(whole, radius)
-    lazily = WithoutRamps(radius)
+    lazily = Mended(radius, without_ramps, AROUND)
     for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
         assert torch.equal(box.of(lazily), box.of(whole))

@@ -6,8 +6,9 @@ from measures import worst
 from torch import Tensor
 
 from defocus_core import render
+from defocus_core.mended import Mended
 from defocus_core.survey import survey
-from defocus_core.terraces import WithoutTerraces, without_terraces
+from defocus_core.terraces import AROUND, without_terraces
 from defocus_core.tiling import Box
 
 SIZE = (96, 144)
@@ -86,14 +87,17 @@ def test_an_edge_beside_small_steps_is_no_softer() -> None:
 
 def test_windows_hold_what_the_whole_does() -> None:
     radius = in_levels(slope())
-    whole, lazily = without_terraces(radius), WithoutTerraces(radius)
+    whole, lazily = without_terraces(radius), Mended(radius, without_terraces, AROUND)
     for box in (Box(0, 0, *SIZE), Box(10, 33, 40, 50), Box(90, 140, 6, 4)):
         assert torch.equal(box.of(lazily), box.of(whole))
 
 
 def test_mirrored_and_turned_levels_are_mirrored_and_turned() -> None:
     radius = in_levels(slope())
+    radius[10:80, 4:40] = 3.0
+    radius[30:50, 10:31] = 3.5  # a square whose sides end
     found = without_terraces(radius)
+    assert 3.0 < found[29, 20] < found[30, 20] < 3.5
     for dim in (-1, -2):
         assert worst(without_terraces(radius.flip(dim)).flip(dim), found) < 1e-12
     assert worst(without_terraces(radius.T).T, found) < 1e-12

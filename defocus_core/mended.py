@@ -1,0 +1,37 @@
+"""Radii that are mended in each window as it is cut: the frame need not be in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import EllipsisType
+
+from torch import Tensor
+
+from defocus_core.source import Pixels
+from defocus_core.tiling import Box
+
+
+class Mended:
+    """Radii [H, W] px, as a `Source`, changed by what depends on a few pixels around."""
+
+    def __init__(
+        self, signed_radius: Pixels, mend: Callable[[Tensor], Tensor], around: int
+    ) -> None:
+        """Nothing is looked at yet.
+
+        Args:
+            signed_radius: [H, W] px.
+            mend: What changes them.
+            around: Px around a pixel that decide what it becomes.
+        """
+        self._given, self._mend, self._around = signed_radius, mend, around
+        self.shape = tuple(signed_radius.shape)
+        self.dtype = signed_radius.dtype
+        self.device = signed_radius.device
+
+    def __getitem__(self, window: tuple[EllipsisType, slice, slice]) -> Tensor:
+        """What a box cuts."""
+        (top, below), (left, beside) = ((cut.start, cut.stop) for cut in window[1:])
+        box = Box(top, left, below - top, beside - left)
+        around = box.grown(self._around, Box(0, 0, *self.shape))
+        return box.seen_from(around).of(self._mend(around.of(self._given)))
