@@ -7,6 +7,7 @@ have left behind is never looked through for garbage again: that takes 50 ms eac
 
 from __future__ import annotations
 
+import atexit
 import gc
 import sys
 
@@ -21,3 +22,4 @@ def leave_threads_to_tiles() -> None:
     sys.setswitchinterval(_SWITCH_SECONDS)
     if not gc.get_freeze_count():  # later there may be garbage among it
         gc.freeze()
+        atexit.register(gc.unfreeze)  # libraries expect to be cleared away at the end

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +81,16 @@ def test_people_are_told_in_one_line_on_stderr(tmp_path: Path) -> None:
     assert ran.err.count("\n") == 1
     for words in ("a: 24x16", "50mm f/2", "focus 2m", "sensor 36mm", "{left,right}/a.exr"):
         assert words in ran.err
+
+
+def test_libraries_say_nothing_when_the_process_ends(tmp_path: Path) -> None:
+    """What is still held when the interpreter goes would be listed as leaked."""
+    words = [sys.executable, "-m", "defocus_cli", "render", *map(str, pair(tmp_path)), *LENS]
+    words += ["-o", str(tmp_path / "out"), "--preview"]
+    ran = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert ran.stdout == ""
+    assert ran.stderr.count("\n") == 1
+    assert "a: 24x16" in ran.stderr
 
 
 def test_verbose_says_what_was_chosen(tmp_path: Path) -> None:
