@@ -22,6 +22,7 @@ from command_line import (
     texture,
     thin_lens_radius,
 )
+from image_files import save
 
 from defocus_cli.job import KINDS
 from defocus_core.tiling import TILE
@@ -85,9 +86,14 @@ def test_people_are_told_in_one_line_on_stderr(tmp_path: Path) -> None:
 
 def test_libraries_say_nothing_when_the_process_ends(tmp_path: Path) -> None:
     """What is still held when the interpreter goes would be listed as leaked."""
-    words = [sys.executable, "-m", "defocus_cli", "render", *map(str, pair(tmp_path)), *LENS]
-    words += ["-o", str(tmp_path / "out"), "--preview"]
-    ran = subprocess.run(words, capture_output=True, text=True, check=True)
+    color = save(tmp_path / "a.png", np.full((HEIGHT, WIDTH, 3), 100, np.uint8))
+    words = [color, depth_exr(tmp_path / "z.exr"), *LENS, "-o", tmp_path / "out", "--format", "jpg"]
+    ran = subprocess.run(
+        [sys.executable, "-m", "defocus_cli", "render", *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert ran.stdout == ""
     assert ran.stderr.count("\n") == 1
     assert "a: 24x16" in ran.stderr
