@@ -117,7 +117,7 @@ def plan(
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = [blurred_part(frame, grid, signed_radius) for grid in every]
     grids = [part for part in parts if part]
-    work = Workload(frame, image.shape[0] + 1)
+    work = Workload(frame)
     for grid in grids:
         work.add(grid, [scene.visible, scene.hidden])
     (H, W), channels = frame.size, image.shape[0]

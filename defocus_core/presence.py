@@ -128,21 +128,21 @@ class Cover:
             found.append(whole.grown(0, box) if exists else None)
         return found
 
-    def leaning(self, rungs: list[int], box: Box) -> tuple[list[int], list[int]]:
-        """Which of some rungs have slopes within a rectangle: many of them, or but one."""
+    def leaning(self, rungs: list[int], box: Box) -> list[int]:
+        """Which of some rungs have slopes within a rectangle, and not the same all over."""
         if self._leaning is None:
-            return [], []
+            return []
         rows, columns = _blocks_in(box)
         number = torch.tensor(rungs)
         tilted = self._leaning[number, rows, columns].flatten(1).any(1)
         if not bool(tilted.any()):
-            return [], []
+            return []
         some = self._blocks[number, rows, columns]
         lowest, highest = (x[:, None, rows, columns] for x in (self._lowest, self._highest))
         low = torch.where(some, lowest, torch.inf).flatten(2).amin(2)
         high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
-        planar = tilted & ((high - low).amax(0) <= _SAME)
-        return number[tilted & ~planar].tolist(), number[planar].tolist()
+        planar = (high - low).amax(0) <= _SAME
+        return number[tilted & ~planar].tolist()
 
 
 class Presence:

@@ -66,25 +66,35 @@ class Planes:
             blocks: [K, rows, columns] bool, where slices are.
         """
         self._lowest, self._highest, self._blocks = lowest, highest, blocks
+        self._everywhere = self._within(list(range(len(blocks))), slice(None), slice(None))
 
     def slopes(self, numbers: list[int], box: Box) -> list[tuple[float, float] | None]:
         """The slope of slices, x and y; None for one that has not the same all over a rectangle.
 
         Args:
-            numbers: Of the slices.
+            numbers: Of the slices, each of which is there.
             box: The rectangle.
         """
-        if not numbers:
-            return []
-        top, left = max(box.top // BLOCK, 0), max(box.left // BLOCK, 0)
-        below, beside = -(-(box.top + box.height) // BLOCK), -(-(box.left + box.width) // BLOCK)
-        lowest, highest = (x[:, top:below, left:beside] for x in (self._lowest, self._highest))
+        if any(self._everywhere[number] is None for number in numbers):
+            top, left = max(box.top // BLOCK, 0), max(box.left // BLOCK, 0)
+            below, beside = -(-(box.top + box.height) // BLOCK), -(-(box.left + box.width) // BLOCK)
+            found = self._within(numbers, slice(top, below), slice(left, beside))
+        else:
+            found = [None] * len(numbers)
+        return [self._everywhere[number] or one for number, one in zip(numbers, found, strict=True)]
+
+    def _within(
+        self, numbers: list[int], rows: slice, columns: slice
+    ) -> list[tuple[float, float] | None]:
+        """The same in some rows and columns of blocks."""
+        lowest, highest = (x[:, rows, columns] for x in (self._lowest, self._highest))
         if not lowest.numel():
             return [None] * len(numbers)
-        some = self._blocks[numbers, top:below, left:beside][:, None]
+        some = self._blocks[numbers, rows, columns][:, None]
         low = torch.where(some, lowest, torch.inf).flatten(2).amin(2)
         high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
-        same = ((high - low).amax(1) <= _SAME) & (low[:, 0] < torch.inf)
+        same = (high - low).amax(1) <= _SAME
+        same &= low[:, 0] < torch.inf  # it is there
         middle = ((low + high) / 2).tolist()
         return [(x, y) if one else None for (x, y), one in zip(middle, same.tolist(), strict=True)]
 

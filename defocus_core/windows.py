@@ -16,6 +16,8 @@ from defocus_core.convolution import kernel_spectra, kernels, reach, transform_l
 
 # Sizes of a transform: quarters of the largest.
 _SIZES = 4
+# Slopes of a slice whose tilted kernels are kept.
+_PLANES = 4
 
 
 class Spread(NamedTuple):
@@ -47,6 +49,7 @@ class Window:
         like: Of the dtype and device of the spectra.
         kernels: Those that were asked for, by number and whether they lean.
         spectra: Of these, by number, size, and whether they lean.
+        planes: Of those tilted for planes, by number, size, and slope: the last few.
     """
 
     margin: int
@@ -59,6 +62,7 @@ class Window:
     like: Tensor
     kernels: dict[tuple[int, bool], Tensor]
     spectra: dict[tuple[int, tuple[int, int], bool], Tensor]
+    planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]]
 
     def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
         """Of the kernel of a slice: [M, 1, height, width // 2 + 1]."""
@@ -70,8 +74,17 @@ class Window:
 
     def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
         """The spectrum of a slice for a plane of some slope, x and y: [M, 1, ...]."""
-        x, y = self.leaning(number, size)
-        return self.spectrum(number, size).add(x, alpha=slope[0]).add_(y, alpha=slope[1])
+        held = self.planes.setdefault((number, size), {})
+        found = held.get(slope)
+        if found is None:
+            x, y = self._kernel(number, leaning=True)
+            kernel = self._kernel(number, leaning=False)
+            kernel = kernel.add(x, alpha=slope[0]).add_(y, alpha=slope[1])
+            found = kernel_spectra(kernel, size).unsqueeze(-3)
+            if len(held) >= _PLANES:
+                held.clear()
+            held[slope] = found
+        return found
 
     def fitting(self, least: Sequence[int]) -> tuple[int, int]:
         """One of few sizes, of at least so many rows and columns, that are not more than needed."""
@@ -138,7 +151,7 @@ def windows(
         rows, columns = (transform_length(n + 2 * extent) for n in extents)
         some = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
         window = Window(
-            extent, (rows, columns), halvings, slices, some, aperture, parts, like, {}, {}
+            extent, (rows, columns), halvings, slices, some, aperture, parts, like, {}, {}, {}
         )
         found.update(dict.fromkeys(slices, window))
     return [found[k] for k in range(len(radii))]

@@ -33,9 +33,8 @@ class Workload:
         read: Those of them that are only read, at reduced resolution.
     """
 
-    def __init__(self, frame: Frame, channels: int) -> None:
+    def __init__(self, frame: Frame) -> None:
         self._frame, self._parts = frame, len(frame.parts)
-        self._channels = channels
         self.of_regions, self.of_tiles = (dict.fromkeys(_LOADS, 0.0) for _ in range(2))
         self.widest = self.reduced = 0.0
         self.done = self.read = 0
@@ -73,12 +72,11 @@ class Workload:
             if not window.margin:  # copied
                 continue
             box = self._frame.grid.tiles[i].around(window.margin)
-            tilted, planar = surface.leaning(some, box)
+            tilted = surface.leaning(some, box)
             size = window.fitting(patch.least)
-            self._learn(window, size, some, [*tilted, *planar])
-            loads["calls"] += 2 * len(tilted) + len(planar)
-            terms = len(some) + 2 * len(tilted)
-            self._transformed(loads, size, terms, len(planar))
+            self._learn(window, size, some, tilted)
+            loads["calls"] += 2 * len(tilted)
+            self._transformed(loads, size, len(some) + 2 * len(tilted))
 
     def _add_reduced(self, surface: Cover, core: Box, rungs: list[int]) -> float:
         """A layer that is blurred at reduced resolution; returns its samples."""
@@ -93,23 +91,21 @@ class Workload:
         if patch is None:
             return 0.0
         size = window.fitting(patch.least)
-        tilted, planar = surface.leaning(rungs, core.around((margin + 3) * step))
-        self._learn(window, size, rungs, [*tilted, *planar])
+        tilted = surface.leaning(rungs, core.around((margin + 3) * step))
+        self._learn(window, size, rungs, tilted)
         terms = len(rungs) + 2 * len(tilted)
-        loads["calls"] += 2 * len(rungs) + terms + len(planar) + 1
+        loads["calls"] += 2 * len(rungs) + terms + 1
         share = terms / len(rungs)
         samples = sum(box.area for box in boxes)
         loads["averaged"] += share * samples / 4**surface.halvings
-        self._transformed(loads, size, terms, len(planar))
+        self._transformed(loads, size, terms)
         return patch.seen.area * self._parts
 
-    def _transformed(
-        self, loads: dict[str, float], size: tuple[int, int], terms: int, planar: int
-    ) -> None:
-        """Transforms of a layer; kernels of planes are tilted before they are multiplied."""
+    def _transformed(self, loads: dict[str, float], size: tuple[int, int], terms: int) -> None:
+        """Transforms of a layer."""
         area = size[0] * size[1]
         loads["forward"] += terms * area * math.log2(area)
-        loads["products"] += (terms + 2 * planar / self._channels) * area * self._parts
+        loads["products"] += terms * area * self._parts
         loads["inverse"] += area * math.log2(area) * self._parts
         if loads is self.of_tiles:
             self.widest = max(self.widest, (terms + self._parts) * area)
