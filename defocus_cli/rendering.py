@@ -78,9 +78,13 @@ def rendered(
     if device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    note = outcome.depth_note
+    if stream.frame.terraces:
+        note += "; of few levels, smoothed between them"
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
+        depth_note=note,
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},

@@ -105,6 +105,19 @@ def test_verbose_says_what_was_chosen(tmp_path: Path) -> None:
     assert "1 thread" in ran.err
 
 
+def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    y, x = np.mgrid[:96, :144]
+    level = np.round(47 * (x + y) / 238) / 47
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
+    for name, share, said in (("levels", level, True), ("smooth", (x + y) / 238, False)):
+        metres = (1 / (0.1 + 1.5 * share)).astype(np.float32)
+        depth = depth_exr(tmp_path / f"{name}.exr", metres)
+        ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v")
+        assert ran.code == 0
+        assert ("of few levels, smoothed between them" in ran.err) is said
+
+
 def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "c.exr", np.full((HEIGHT, WIDTH, 3), 1e6, np.float32))
     ran = render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--json")
