@@ -32,9 +32,8 @@ class Levels(NamedTuple):
 
     Attributes:
         steps: Along both axes how many steps there are, and how many are none, too small to
-            matter, and too small for an edge: [2][4].
-        radii: Different ones, px, no more than it takes to tell that there are many; None if
-            neighbours are mostly not alike.
+            matter, and too small for an edge: [2][4]; empty if neighbours are mostly not alike.
+        radii: Different ones, px, no more than it takes to tell that there are many; None likewise.
     """
 
     steps: list[list[int]]
@@ -48,13 +47,13 @@ def levels_of(rows: Tensor, below: Tensor) -> Levels:
         rows: [n, W] px.
         below: The rows below them, one less at the end of a frame.
     """
-    sizes = [step.abs() for step in (rows.diff(dim=1), below - rows[: len(below)])]
-    steps = [
-        [size.numel(), *(int((size <= most).sum()) for most in (0, _LEAST, _MOST))]
-        for size in sizes
-    ]
-    if any(count and same <= _ALIKE * count for count, same, *_ in steps):
-        return Levels(steps, None)
+    steps = []
+    for step in (rows.diff(dim=1), below - rows[: len(below)]):
+        size = step.abs_()
+        same = int((size == 0).sum())
+        if size.numel() and same <= _ALIKE * size.numel():
+            return Levels([], None)
+        steps.append([size.numel(), same, *(int((size <= most).sum()) for most in (_LEAST, _MOST))])
     radii: Tensor = torch.unique(rows[:, ::_EVERY])
     return Levels(steps, radii[: _MANY + 1])
 
