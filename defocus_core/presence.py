@@ -17,7 +17,7 @@ from defocus_core.patches import Patch, patches
 from defocus_core.ramps import without_ramps
 from defocus_core.resampling import cells_read
 from defocus_core.slicing import position
-from defocus_core.slopes import slopes
+from defocus_core.slopes import Planes, slopes
 from defocus_core.source import Pixels
 from defocus_core.tiling import BLOCK, TILE, Box, block_ends, blocks_at, visible_slices
 from defocus_core.windows import Window
@@ -31,8 +31,6 @@ _WIDE = 16
 _OVERLAP = 12
 # Range of radii in px, among a pixel and its neighbours, on an edge.
 _EDGE = 1.5
-# Slopes that differ by less are the same.
-_SAME = 1e-3
 
 
 class _Around(NamedTuple):
@@ -83,7 +81,7 @@ class Cover:
         self._around, self._blocks, self._stride = around, blocks, stride
         self._found: dict[Box, list[Box | None]] = {}
         self._leaning: Tensor | None = None
-        self._lowest = self._highest = torch.zeros(0)
+        self._planes: Planes | None = None
 
     def lean(self, leaning: Tensor, lowest: Tensor, highest: Tensor) -> None:
         """Tell that some are tilted.
@@ -93,7 +91,7 @@ class Cover:
             lowest: [2, rows, columns] the least of the slopes x and y in each block.
             highest: The same of the greatest.
         """
-        self._leaning, self._lowest, self._highest = leaning, lowest, highest
+        self._leaning, self._planes = leaning, Planes(lowest, highest, self._blocks)
 
     def patches(self, rungs: list[int], tiles: list[int]) -> list[Patch | None]:
         """What tiles of the frame see of a layer, at the resolution at which it is blurred."""
@@ -130,19 +128,13 @@ class Cover:
 
     def leaning(self, rungs: list[int], box: Box) -> list[int]:
         """Which of some rungs have slopes within a rectangle, and not the same all over."""
-        if self._leaning is None:
+        if self._leaning is None or self._planes is None:
             return []
         rows, columns = _blocks_in(box)
-        number = torch.tensor(rungs)
-        tilted = self._leaning[number, rows, columns].flatten(1).any(1)
-        if not bool(tilted.any()):
-            return []
-        some = self._blocks[number, rows, columns]
-        lowest, highest = (x[:, None, rows, columns] for x in (self._lowest, self._highest))
-        low = torch.where(some, lowest, torch.inf).flatten(2).amin(2)
-        high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
-        planar = (high - low).amax(0) <= _SAME
-        return number[tilted & ~planar].tolist()
+        some = self._leaning[rungs, rows, columns].flatten(1).any(1).tolist()
+        tilted = [rung for rung, leans in zip(rungs, some, strict=True) if leans]
+        slopes = self._planes.slopes(tilted, box)
+        return [rung for rung, slope in zip(tilted, slopes, strict=True) if slope is None]
 
 
 class Presence:
