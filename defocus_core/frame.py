@@ -32,7 +32,7 @@ class FillSlices(NamedTuple):
         halvings: How many times resolution is halved before anything else.
         windows: Of all slices of the frame, in cells of this resolution.
         layers: The number of the layer of each: all of a window.
-        cells: Cells that each spreads.
+        cells: Cells of this resolution that light of each spreads at most.
         reaches: Px of the frame that each spreads.
     """
 
@@ -186,7 +186,7 @@ def frame_of(
     def filling(stride: int, halvings: int, spreads: list[Spread], px: list[int]) -> FillSlices:
         layers = alike(numbers, spreads, halved(side, halvings))
         of_all = windows_at(halvings, spreads, layers)
-        return FillSlices(stride, halvings, of_all, layers, [s.cells for s in spreads], px)
+        return FillSlices(stride, halvings, of_all, layers, [s.px for s in spreads], px)
 
     stride = 1 if num_layers else quality.hidden_stride
     return Frame(

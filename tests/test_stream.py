@@ -111,6 +111,18 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: in
     assert torch.equal(render(image, radius, tile=TILE).render, usual.render)
 
 
+@pytest.mark.parametrize("kind", ["cards", "thin"])
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("tile", [48, 320])
+def test_a_tile_sees_all_that_spreads_to_it(kind: str, quality: str, tile: int) -> None:
+    """In double precision nothing but what a tile left out would tell: large radii, edges."""
+    image, radius = (x.double() for x in scenery(kind, 300, 350, 24.0))
+    usual = render(image, radius, quality=quality, left_right=True)
+    other = render(image, radius, quality=quality, left_right=True, tile=tile)
+    for name in KINDS:
+        assert float((getattr(usual, name) - getattr(other, name)).abs().max()) < 1e-7, name
+
+
 def test_a_tile_has_a_least_side() -> None:
     image, radius = scenery("floor", 32, 32, 2.0)
     with pytest.raises(ValueError, match="tile must be at least 16, got 15"):
