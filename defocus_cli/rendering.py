@@ -79,6 +79,8 @@ def rendered(
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     note = outcome.depth_note
+    if stream.frame.soft_edges:
+        note += "; its soft edges moved to where the colours have edges"
     if stream.frame.terraces:
         note += "; of few levels, smoothed between them"
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}

@@ -18,6 +18,8 @@ from defocus_core.ramps import AROUND as AROUND_RAMPS
 from defocus_core.ramps import without_ramps
 from defocus_core.recomputed import recomputed, unrecorded
 from defocus_core.region import Region
+from defocus_core.soft_edges import AROUND as AROUND_SOFT_EDGES
+from defocus_core.soft_edges import with_hard_edges
 from defocus_core.source import Pixels
 from defocus_core.terraces import AROUND as AROUND_TERRACES
 from defocus_core.terraces import without_terraces
@@ -63,7 +65,9 @@ def finished(
         progress: As for `render`.
     """
     beyond, given = None, signed_radius
-    if frame.ramps:
+    if frame.soft_edges:
+        signed_radius = Mended(signed_radius, with_hard_edges, AROUND_SOFT_EDGES, pixels)
+    elif frame.ramps:
         signed_radius = Mended(signed_radius, without_ramps, AROUND_RAMPS)
     if frame.terraces:
         signed_radius = Mended(signed_radius, without_terraces, AROUND_TERRACES)

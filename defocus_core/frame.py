@@ -69,7 +69,8 @@ class Frame:
         known: How what is known to be hidden is blurred.
         invented: How what is invented is.
         edges: Whether surfaces hide others.
-        ramps: Whether some edges are soft.
+        ramps: Whether some edges are ramps.
+        soft_edges: Whether some of these are soft edges, several px wide.
         terraces: Whether depth has but few levels.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
@@ -97,6 +98,7 @@ class Frame:
     invented: FillSlices
     edges: bool
     ramps: bool
+    soft_edges: bool
     terraces: bool
     tilted: bool
     margin: int
@@ -210,6 +212,7 @@ def frame_of(
         invented=filling(stride, halvings, coarse, invented),
         edges=edges,
         ramps=seen.ramps,
+        soft_edges=seen.soft_edges,
         terraces=seen.terraces,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,

@@ -15,7 +15,11 @@ class Mended:
     """Radii [H, W] px, as a `Source`, changed by what depends on a few pixels around."""
 
     def __init__(
-        self, signed_radius: Pixels, mend: Callable[[Tensor], Tensor], around: int
+        self,
+        signed_radius: Pixels,
+        mend: Callable[..., Tensor],
+        around: int,
+        *others: Pixels,
     ) -> None:
         """Nothing is looked at yet.
 
@@ -23,8 +27,9 @@ class Mended:
             signed_radius: [H, W] px.
             mend: What changes them.
             around: Px around a pixel that decide what it becomes.
+            others: What else of the frame, [..., H, W], is given to that.
         """
-        self._given, self._mend, self._around = signed_radius, mend, around
+        self._given, self._mend, self._around = (signed_radius, *others), mend, around
         self.shape = tuple(signed_radius.shape)
         self.dtype = signed_radius.dtype
         self.device = signed_radius.device
@@ -34,4 +39,4 @@ class Mended:
         (top, below), (left, beside) = ((cut.start, cut.stop) for cut in window[1:])
         box = Box(top, left, below - top, beside - left)
         around = box.grown(self._around, Box(0, 0, *self.shape))
-        return box.seen_from(around).of(self._mend(around.of(self._given)))
+        return box.seen_from(around).of(self._mend(*map(around.of, self._given)))

@@ -9,11 +9,12 @@ to be whole, and the most probable α and colours that give it are kept.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
+
+from defocus_core.extremes import extreme_around
 
 # Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
 _EDGE = 1.5
@@ -69,7 +70,7 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
         signed_radius: [H, W] px.
     """
     r = signed_radius.detach()
-    nearest, farthest = _of_nine(r, torch.minimum), _of_nine(r, torch.maximum)
+    nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
     edge = farthest - nearest > _EDGE
     places = torch.nonzero(edge)
     if not len(places):
@@ -84,21 +85,6 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, share)
     coverage = coverage.reshape(image[:1].shape)
     return Unmixed(color, coverage, Fringe(fringe_at, fringe, fringe_radius))
-
-
-def _of_nine(values: Tensor, choice: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    """The least or greatest [H, W] of each pixel and its neighbours."""
-    for dim in (0, 1):
-        n = values.shape[dim] - 1
-        if n < 1:
-            continue
-        pairs = choice(values.narrow(dim, 0, n), values.narrow(dim, 1, n))
-        ends = (pairs.narrow(dim, 0, 1), pairs.narrow(dim, n - 1, 1))
-        values = torch.cat(
-            [ends[0], choice(pairs.narrow(dim, 0, n - 1), pairs.narrow(dim, 1, n - 1)), ends[1]],
-            dim,
-        )
-    return values
 
 
 def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:

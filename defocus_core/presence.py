@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.extremes import extreme_around
 from defocus_core.frame import Frame
 from defocus_core.halving import axes, halves
 from defocus_core.hidden import hidden_layer
@@ -155,7 +156,10 @@ class Presence:
         rows, self.edges = [], 0
         for strip, inner in _strips(signed_radius) if frame.edges else ():
             steps = without_ramps(strip)
-            self.edges += int((_range_of_nine(steps[inner]) > _EDGE).sum())
+            least, most = (
+                extreme_around(steps[inner], 1, end) for end in (torch.minimum, torch.maximum)
+            )
+            self.edges += int((most - least > _EDGE).sum())
             rows.append(steps[inner][::step, ::step].clone())
         radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)
@@ -251,21 +255,6 @@ def _strips(signed_radius: Pixels) -> Iterator[tuple[Tensor, slice]]:
         above = min(top, _OVERLAP)
         strip = signed_radius[top - above : top + height + _OVERLAP].detach()
         yield strip, slice(above, above + min(height, H - top))
-
-
-def _range_of_nine(values: Tensor) -> Tensor:
-    """By how much each of some pixels differs from those around it, but for those at the border."""
-    low = high = values
-    for dim in (0, 1):
-        for choice in (torch.minimum, torch.maximum):
-            some = low if choice is torch.minimum else high
-            n = some.shape[dim]
-            for distance in (1, 1):
-                n -= distance
-                if n > 0:
-                    some = choice(some.narrow(dim, 0, n), some.narrow(dim, 1, n))
-            low, high = (some, high) if choice is torch.minimum else (low, some)
-    return high - low
 
 
 def _blocks_in(box: Box) -> tuple[slice, slice]:

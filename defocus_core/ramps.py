@@ -25,7 +25,7 @@ def without_ramps(signed_radius: Tensor) -> Tensor:
     A hard edge is as it was, and so is a slope of up to 1 px per px.
     """
     r = signed_radius.detach()
-    at = torch.nonzero(_on_ramps(r))
+    at = torch.nonzero(on_ramps(r))
     if not len(at):
         return signed_radius
     H, W = r.shape
@@ -46,10 +46,10 @@ def without_ramps(signed_radius: Tensor) -> Tensor:
 
 def has_ramps(signed_radius: Tensor, steepest: float) -> bool:
     """Whether there is a ramp among radii [H, W] px whose greatest step is known."""
-    return steepest > _STEEP and bool(_on_ramps(signed_radius).any())
+    return steepest > _STEEP and bool(on_ramps(signed_radius).any())
 
 
-def _on_ramps(r: Tensor) -> Tensor:
+def on_ramps(r: Tensor) -> Tensor:
     """Whether pixels [H, W] lie on a steep slope along either axis."""
     return _on_a_ramp(r, -1) | _on_a_ramp(r, -2)
 

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from defocus_core.ramps import has_ramps
 from defocus_core.ranks import Ranks, counted
+from defocus_core.soft_edges import soft_edges
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.terraces import Levels, are_few, levels_of
 from defocus_core.threads import threaded
@@ -19,6 +20,22 @@ from defocus_core.tiling import Box
 _SOME = 3
 
 
+class _Band(NamedTuple):
+    """What some rows of a picture tell.
+
+    Attributes:
+        ends: [6] least and greatest radius, greatest steps, least and greatest value.
+        ramps: Whether there are any.
+        soft_edges: Whether there are any.
+        levels: Of depth.
+    """
+
+    ends: Tensor
+    ramps: bool
+    soft_edges: bool
+    levels: Levels
+
+
 class Survey(NamedTuple):
     """A picture in a few numbers. The brightness of a pixel is that of its brightest channel.
 
@@ -26,7 +43,8 @@ class Survey(NamedTuple):
         least: Signed radius in px.
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
-        ramps: Whether soft edges of depth are to be made steps.
+        ramps: Whether ramps of depth are to be made steps.
+        soft_edges: Whether some of them are soft edges, to be put where colours have theirs.
         terraces: Whether small steps are to be made slopes.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
@@ -39,6 +57,7 @@ class Survey(NamedTuple):
     most: float
     steepest: tuple[float, float]
     ramps: bool
+    soft_edges: bool
     terraces: bool
     darkest: float
     brightest: float
@@ -61,9 +80,8 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
     """
     H, W = signed_radius.shape
 
-    def looked_at(
-        rows: tuple[int, int],
-    ) -> tuple[Tensor, bool, Levels, Tensor, Tensor, Tensor]:
+    def looked_at(rows: tuple[int, int]) -> tuple[_Band, list[Tensor]]:
+        """What a band tells, and counts that add up."""
         around = signed_radius[rows[0] : rows[1] + 2].detach().to(dtype)
         below = around[: rows[1] + 1 - rows[0]]
         r = around[: rows[1] - rows[0]]
@@ -76,20 +94,19 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         few = _few(brightness, rows[0])
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
         ramps = has_ramps(around, float(torch.maximum(*steps)))
+        soft = ramps and bool(_soft_edges(signed_radius, rows).any())
         some_rows = slice(-rows[0] % _SOME, rows[1] - rows[0], _SOME)
         levels = levels_of(r[some_rows], around[1:][some_rows])
-        return ends, ramps, levels, counted(brightness), counted(few), (few <= 0).sum()
+        counts = [counted(brightness), counted(few), (few <= 0).sum()]
+        return _Band(ends, ramps, soft, levels), counts
 
-    found = threaded(looked_at, bands(H, W), threads)
-    of_first, ramps, first_levels, counts, lit, black = next(found)
-    of_bands, levels = [of_first], [first_levels]
-    for numbers_of_it, ramps_of_it, levels_of_it, *more in found:
-        of_bands.append(numbers_of_it)
-        levels.append(levels_of_it)
-        ramps = ramps or ramps_of_it
-        for summed, each in zip((counts, lit, black), more, strict=True):
-            summed += each
-    numbers = torch.stack(of_bands)
+    told: list[_Band] = []
+    total: list[Tensor] = []
+    for band, counts in threaded(looked_at, bands(H, W), threads):
+        told.append(band)
+        total = [a + b for a, b in zip(total, counts, strict=True)] if total else counts
+    brightness, lit, black = total
+    numbers = torch.stack([band.ends for band in told])
     least, most, down, across, darkest, brightest = numbers.unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
@@ -106,11 +123,12 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
-        ramps=ramps,
-        terraces=are_few(levels),
+        ramps=any(band.ramps for band in told),
+        soft_edges=any(band.soft_edges for band in told),
+        terraces=are_few([band.levels for band in told]),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
-        brightness=Ranks(counts, brightness_again, dtype),
+        brightness=Ranks(brightness, brightness_again, dtype),
         lit=Ranks(lit, lit_again, dtype),
         black=int(black),
     )
@@ -119,3 +137,10 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
 def _few(brightness: Tensor, first: int) -> Tensor:
     """Some pixels of a band that begins at a row: the same of the frame, however it is banded."""
     return brightness[-first % _SOME :: _SOME, ::_SOME]
+
+
+def _soft_edges(signed_radius: Pixels, rows: tuple[int, int]) -> Tensor:
+    """Soft edges in some rows of a frame, as they are found in the whole of it."""
+    first = max(rows[0] - 2, 0)
+    found = soft_edges(signed_radius[first : rows[1] + 2].detach())
+    return found[rows[0] - first : rows[1] - first]

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.extremes import extreme_around
+
 # Of depth in levels: the share of neighbours that are alike, of the others the shares between which
 # there is no edge, and a step that matters; and the numbers of different radii.
 _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
@@ -77,7 +79,7 @@ def without_terraces(signed_radius: Tensor) -> Tensor:
     steps = _at_a_step(r, -1) | _at_a_step(r, -2)
     if not bool(steps.any()):
         return signed_radius
-    at = torch.nonzero(_around(steps))
+    at = torch.nonzero(extreme_around(steps, _WIDE - 1, torch.maximum))
     down, across = _smoothed(signed_radius, at, 0), _smoothed(signed_radius, at, 1)
     return (_smoothed(down, at, 1) + _smoothed(across, at, 0)) / 2  # no axis is the first
 
@@ -116,15 +118,3 @@ def _at_a_step(r: Tensor, dim: int) -> Tensor:
     for first in (1, 2):
         found.narrow(dim, first, n).logical_or_(small)
     return found
-
-
-def _around(some: Tensor) -> Tensor:
-    """The pixels over which steps between some [H, W] bool are spread."""
-    for dim in (0, 1):
-        found, length = some.clone(), some.shape[dim]
-        for shift in range(1, min(_WIDE, length)):
-            n = length - shift
-            for here, there in ((0, shift), (shift, 0)):
-                found.narrow(dim, here, n).logical_or_(some.narrow(dim, there, n))
-        some = found
-    return some

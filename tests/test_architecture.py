@@ -27,7 +27,7 @@ LAYERS = [
     {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "shifts", "survey"},
-    {"continuation", "transport", "view"},
+    {"continuation", "soft_edges", "transport", "view"},
     {
         "compositing",
         "convolution",
@@ -42,6 +42,7 @@ LAYERS = [
     | {"thin_lens"},
     {
         "aperture",
+        "extremes",
         "halving",
         "metrics",
         "patches",

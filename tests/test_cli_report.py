@@ -118,6 +118,20 @@ def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path: Path) -> None:
         assert ("of few levels, smoothed between them" in ran.err) is said
 
 
+def test_soft_edges_of_depth_are_said_to_be_moved(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
+    for name, width, said in (("soft", 8, True), ("hard", 1, False)):
+        share = np.clip((np.arange(144) - 72) / width, 0, 1)
+        metres = (1 / (0.5 - 0.4 * np.tile(share, (96, 1)))).astype(np.float32)
+        depth = depth_exr(tmp_path / f"{name}.exr", metres)
+        ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v", "--json")
+        assert ran.code == 0
+        note = "its soft edges moved to where the colours have edges"
+        assert (note in ran.err) is said
+        assert (note in ran.json["pictures"][0]["depth_note"]) is said
+
+
 def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "c.exr", np.full((HEIGHT, WIDTH, 3), 1e6, np.float32))
     ran = render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--json")

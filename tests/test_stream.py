@@ -67,6 +67,22 @@ def test_a_stream_is_the_rendering(kind: str, threads: int, at_once: int | None)
     assert stream.stats == whole.stats
 
 
+def soft_picture(height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Cards whose depth is soft at edges."""
+    image, radius = scenery("cards", height, width, 24.0)
+    around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
+    return image, torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
+
+
+def test_a_stream_of_soft_depth_is_its_rendering() -> None:
+    image, radius = soft_picture(700, 660)
+    whole = render(image, radius)
+    stream = Stream(Windows(image), Windows(radius), threads=2)
+    assert stream.frame.soft_edges
+    assert same(put_together(stream), whole)
+    assert torch.equal(render(image, radius, threads=3).render, whole.render)
+
+
 def test_no_window_is_as_high_as_a_high_frame() -> None:
     image, radius = scenery("most", 2048, 40, 3.0)
     pixels, radii = Windows(image), Windows(radius)
