@@ -19,8 +19,8 @@ _SMALL = 0.05
 # Px to each side of a pixel, and the share of those that must be steep.
 _AROUND = 5
 _AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
-# Slopes that differ by less are the same.
-_SAME = 1e-3
+# Slopes that differ by less are the same: pictures change by less than 2e-6 for that.
+_SAME = 1.5e-5
 # Px around a pixel that decide its slope.
 AROUND = _AROUND + 1
 
