@@ -107,8 +107,11 @@ class Blur:
             rungs_of.setdefault(numbers[rung], []).append(rung)
         pieces: list[list[Piece]] = [[] for _ in self._grid.tiles]
         reduced: dict[int, Reduced] = {}
+        windows = {n: self._windows[rungs[0] * stride] for n, rungs in rungs_of.items()}
+        margins = {n: window.margin for n, window in windows.items() if not window.halvings}
+        patches = dict(zip(margins, surface.patches(margins), strict=True)) if margins else {}
         for number, rungs in rungs_of.items():
-            window = self._windows[rungs[0] * stride]
+            window = windows[number]
             if window.halvings:
                 reduced[number] = Reduced(
                     surface,
@@ -121,8 +124,7 @@ class Blur:
                 )
                 continue
             near = float(window.radii.abs().amin()) < NEAR
-            found = surface.patches(number, window.margin)
-            for some, plan, patch in zip(pieces, surface.plan, found, strict=True):
+            for some, plan, patch in zip(pieces, surface.plan, patches[number], strict=True):
                 here = [rung for rung in plan if numbers[rung] == number]
                 if here and patch:
                     some.append(Piece(number, window, range(here[0], here[-1] + 1), patch, near))

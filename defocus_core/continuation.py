@@ -65,12 +65,8 @@ def _nearby(
     level: Level, at: Tensor, border: Tensor, fine: tuple[Axis, Axis]
 ) -> tuple[Tensor, Tensor]:
     """The four cells around each pixel, by their distance."""
-    (row, down), (column, across) = (
-        _neighbours(place, length, border.dtype)
-        for place, length in zip(
-            places(at, fine, level.middle, level.halvings), level.size, strict=True
-        )
-    )
+    place = torch.stack(places(at, fine, level.middle, level.halvings))
+    (row, column), (down, across) = _neighbours(place.to(border.dtype), level.size)
     cell = (row[:, None] * level.size[1] + column).flatten()
     share, limit = (down[:, None] * across).flatten(), border.repeat(4)
     found, light = _weighed(level.first, cell, limit, share)
@@ -94,11 +90,15 @@ def _weighed(sheet: Sheet, cell: Tensor, border: Tensor, share: Tensor) -> tuple
     return sheet.values.index_select(1, cell) * weight, weight
 
 
-def _neighbours(place: Tensor, length: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """The two cells beside each place [n] along an axis, [2, n], and their shares; 0 if none is."""
-    place = place.to(dtype)
+def _neighbours(place: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """The two cells beside each place [2, n] along both axes, and their shares; 0 if none is.
+
+    Returns:
+        Both [2, 2, n], of rows and of columns.
+    """
     below = place.floor()
     share, first = place - below, below.long()
-    number = torch.stack([first, first + 1])
-    shares = torch.stack([1 - share, share]) * ((number >= 0) & (number < length))
-    return number.clamp_(0, length - 1), shares
+    number = torch.stack([first, first + 1], 1)
+    last = number.new_tensor(size)[:, None, None] - 1
+    shares = torch.stack([1 - share, share], 1) * ((number >= 0) & (number <= last))
+    return torch.minimum(number.clamp_(min=0), last), shares

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -64,47 +65,58 @@ def patch_of(held: tuple[Span, Span], wanted: tuple[Span, Span], margin: int) ->
 
 
 def patches(
-    some: Tensor, tiles: list[Box], margin: int, size: tuple[int, int]
-) -> list[Patch | None]:
-    """What each tile sees of a layer, None if nothing.
+    some: Tensor, tiles: list[Box], margins: list[int], size: tuple[int, int]
+) -> list[list[Patch | None]]:
+    """What each tile sees of each layer, None if nothing.
 
     Args:
-        some: [rows, columns] bool, the blocks in which the layer is.
-        tiles: Counted from the first sample of the layer.
-        margin: Px that it spreads.
-        size: (height, width) of the layer in px.
+        some: [L, rows, columns] bool, the blocks in which layers are.
+        tiles: Counted from the first sample of the layers.
+        margins: Px that each layer spreads.
+        size: (height, width) of the layers in px.
     """
     whole = Box(0, 0, *size)
-    near = [tile.grown(margin, whole).sides for tile in tiles]
-    ends = [
-        torch.tensor([(span.first // BLOCK, -(-span.end // BLOCK)) for span in spans]).clamp(min=0)
-        for spans in zip(*near, strict=True)
+    near = [[tile.grown(margin, whole).sides for tile in tiles] for margin in margins]
+    ends = torch.tensor(
+        [
+            [[(span.first // BLOCK, -(-span.end // BLOCK)) for span in sides] for sides in of_tiles]
+            for of_tiles in near
+        ]
+    ).clamp(min=0)
+    down, across = ends.unbind(2)  # [L, n, 2]
+    extents = _extents(some, down, across), _extents(some.mT, across, down)
+    return [
+        [
+            patch_of(_in_px(held, whole), tile.sides, margin)
+            for tile, held in zip(tiles, zip(*of_tiles, strict=True), strict=True)
+        ]
+        for margin, of_tiles in zip(margins, zip(*extents, strict=True), strict=True)
     ]
-    found: list[Patch | None] = []
-    for tile, rows, columns in zip(
-        tiles, _extents(some, *ends), _extents(some.T, *reversed(ends)), strict=True
-    ):
-        down, across = (
-            Span(first * BLOCK, end * BLOCK).within(side)
-            for (first, end), side in zip((rows, columns), whole.sides, strict=True)
-        )
-        found.append(patch_of((down, across), tile.sides, margin))
-    return found
 
 
-def _extents(some: Tensor, along: Tensor, beside: Tensor) -> list[list[int]]:
+def _in_px(held: Sequence[list[int]], whole: Box) -> tuple[Span, Span]:
+    """Rows and columns of a picture, from those of its blocks."""
+    down, across = (
+        Span(first * BLOCK, end * BLOCK).within(side)
+        for (first, end), side in zip(held, whole.sides, strict=True)
+    )
+    return down, across
+
+
+def _extents(some: Tensor, along: Tensor, beside: Tensor) -> list[list[list[int]]]:
     """The first row that holds something and the one after the last, for each of some rectangles.
 
     Args:
-        some: [rows, columns] bool.
-        along: [n, 2] the first row of rectangles, and the one after the last.
-        beside: [n, 2] the same of columns.
+        some: [L, rows, columns] bool.
+        along: [L, n, 2] the first row of rectangles, and the one after the last.
+        beside: [L, n, 2] the same of columns.
     """
-    count = pad(some.to(torch.int32), (1, 0)).cumsum(1)
-    first, end = beside.unbind(1)
-    held = count[:, end] > count[:, first]  # [rows, n]
-    row = torch.arange(len(some))[:, None]
-    held &= (row >= along[:, 0]) & (row < along[:, 1])
+    rows = some.shape[1]
+    count = pad(some.to(torch.int32), (1, 0)).cumsum(2)
+    first, end = (count.gather(2, x[:, None].expand(-1, rows, -1)) for x in beside.unbind(2))
+    held = end > first  # [L, rows, n]
+    row = torch.arange(rows)[:, None]
+    held &= (row >= along[:, None, :, 0]) & (row < along[:, None, :, 1])
     number = held.to(torch.int32)
-    first, end = number.argmax(0), len(some) - number.flip(0).argmax(0)
-    return torch.stack([first, torch.where(held.any(0), end, first)], 1).tolist()
+    start, stop = number.argmax(1), rows - number.flip(1).argmax(1)
+    return torch.stack([start, torch.where(held.any(1), stop, start)], 2).tolist()

@@ -102,7 +102,8 @@ class Cover:
             margin = (margin + 2) << window.halvings
         some = blocks[[k // self._stride for k in rungs]].any(0)
         size = (some.shape[0] * BLOCK, some.shape[1] * BLOCK)
-        return patches(some, [every[i] for i in tiles], margin, size)
+        (found,) = patches(some[None], [every[i] for i in tiles], [margin], size)
+        return found
 
     def bounds(self, rung: int, box: Box) -> Box | None:
         """The rectangle in which a rung is, within one of the frame."""

@@ -48,7 +48,7 @@ class Reduced:
             middle: Of the frame, counted likewise.
         """
         self._middle, self._halvings = middle, window.halvings
-        self._shares: dict[tuple[int, int, int, Span], Tensor] = {}
+        self._shares: dict[tuple[float, int, int], Tensor] = {}
         self._cells: tuple[Span, Span] | None = None
         self._groups: list[Tensor] = []
         step = 1 << window.halvings
@@ -130,11 +130,10 @@ class Reduced:
         return Span(first, end)
 
     def _between(self, dim: int, start: int, length: int, cells: Span, like: Tensor) -> Tensor:
-        """The shares [pixels, cells] of cells in pixels; tiles in a row have the same."""
-        key = (dim, start, length, cells)
+        """The shares [pixels, cells] of cells in pixels; most tiles have the same."""
+        key = (self._place(dim, start) - cells.first, length, cells.length)
         if key not in self._shares:
-            first = self._place(dim, start) - cells.first
-            self._shares[key] = cubic_shares(first, length, cells.length, 0.5**self._halvings, like)
+            self._shares[key] = cubic_shares(*key, 0.5**self._halvings, like)
         return self._shares[key]
 
     def _place(self, dim: int, pixel: int) -> float:

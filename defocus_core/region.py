@@ -84,7 +84,7 @@ class Region:
             outer.of(x).to(frame.dtype).contiguous() for x in (pixels, signed_radius)
         )
         pixels, highlights = split(pixels, signed_radius, frame.limit)
-        self._radius = core.seen_from(outer).of(signed_radius)
+        self._in_frame = self._shares_in_frame(core, core.seen_from(outer).of(signed_radius))
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         self._visible = self._in_front(own, signed_radius)
         # nothing is invented where something is known
@@ -155,7 +155,7 @@ class Region:
     def tile(self, index: int) -> tuple[Tensor, Tensor]:
         """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
         frame = self._frame
-        full = [self._in_frame(index, group) for group in frame.groups]
+        full = self._full(index)
         seen, moved = self._fronts(index, full)
         if self._known:
             seen = self._filled(seen, self._known, index, full)
@@ -250,14 +250,28 @@ class Region:
             for some, group in zip(seen, self._frame.groups, strict=True)
         ]
 
-    def _in_frame(self, index: int, group: slice) -> Tensor | float:
-        """The share of parts of the aperture that looks at the frame from a tile."""
-        frame, box = self._frame, self._tiles[index]
-        inside = box == box.grown(0, frame.box.shrunk(frame.farthest))
-        if inside or not frame.edges:  # nothing lies behind
-            return 1.0
-        radius = box.seen_from(self._tiles[0]).of(self._radius)
-        return share_in_frame(radius, box, frame.size, frame.aperture, frame.parts[group])
+    def _shares_in_frame(self, core: Box, signed_radius: Tensor) -> list[Tensor] | None:
+        """For each group the share of parts of the aperture that looks at the frame.
+
+        None where all do, or where nothing lies behind.
+        """
+        frame = self._frame
+        if not frame.edges or self._is_inside(core):
+            return None
+        lens = frame.size, frame.aperture
+        return [share_in_frame(signed_radius, core, *lens, frame.parts[g]) for g in frame.groups]
+
+    def _is_inside(self, box: Box) -> bool:
+        """Whether no light from beyond the frame reaches a part of it."""
+        return box == box.grown(0, self._frame.box.shrunk(self._frame.farthest))
+
+    def _full(self, index: int) -> list[Tensor | float]:
+        """What is covered at most in a tile, for each group."""
+        tile = self._tiles[index]
+        if self._in_frame is None or self._is_inside(tile):
+            return [1.0 for _ in self._frame.groups]
+        here = tile.seen_from(self._tiles[0])
+        return [here.of(share) for share in self._in_frame]
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""

@@ -17,8 +17,9 @@ from defocus_core.slicing import membership
 from defocus_core.slopes import Planes
 from defocus_core.tiling import BLOCK, Box, Grid, block_ends, blocks_at, blocks_of, visible_slices
 
-# Rows of samples that are averaged at once: few enough to stay in a cache.
-_BAND = 64
+# Rows of samples that are averaged at once, of a wide slice and of a narrow one: few enough to
+# stay in a cache.
+_BAND, _AREA = 64, 1 << 16
 
 
 class Samples(NamedTuple):
@@ -116,11 +117,15 @@ class Surface:
             some.seen_from(box).of(framed).copy_(some.of(values))
         return framed
 
-    def patches(self, number: int, margin: int) -> list[Patch | None]:
-        """What each tile sees of a layer that spreads over a margin."""
-        rungs = [rung for rung, other in enumerate(self._layers) if other == number]
+    def patches(self, margins: dict[int, int]) -> list[list[Patch | None]]:
+        """What each tile sees of some layers, by the numbers of which they spread over a margin."""
         height, width = self._samples.places.shape
-        return patches(self._blocks[rungs].any(0), self._tiles, margin, (height, width))
+        blocks = [
+            self._blocks[[rung for rung, other in enumerate(self._layers) if other == number]]
+            for number in margins
+        ]
+        some = torch.stack([each.any(0) for each in blocks])
+        return patches(some, self._tiles, list(margins.values()), (height, width))
 
     def members(self, rungs: range, window: Box, lit: Box) -> Tensor:
         """Slices of one layer within a window, [C + 1, k, height, width].
@@ -215,8 +220,9 @@ class Surface:
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that together hold a slice once: rows some steps from the middle."""
         size = self._samples.places.shape
-        frame, rows = Box(0, 0, *size), max(step, _BAND)
-        whole = _aligned(self._extents.box([rung]), rows, middle)
+        bounds = self._extents.box([rung])
+        rows = max(step, _AREA // max(bounds.width, 1) // _BAND * _BAND, _BAND)
+        frame, whole = Box(0, 0, *size), _aligned(bounds, rows, middle)
         for top in range(whole.top, whole.top + whole.height, rows):
             band = Box(top, 0, rows, size[1]).grown(0, frame)
             found = self._extents.box([rung], band.top, band.top + band.height)

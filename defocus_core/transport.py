@@ -85,12 +85,14 @@ def transported(
     """
     r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[1:]
     along, coherence = _direction(tensor, color)
-    ends = []
-    for way in (along, -along):
-        spot, away = _first_beyond(r, size, at, border, way, 0.5**halvings)
-        near = (away < FARTHEST) & ((r[spot] - smooth[:, -1].detach()).abs() < _OF_ONE)
-        ends.append((picture[:-1].flatten(1).index_select(1, spot).T, away, near))
-    (first, to_first, is_first), (second, to_second, is_second) = ends
+    ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
+    spot, away = _first_beyond(r, size, *ways, 0.5**halvings)
+    expected = smooth[:, -1].detach().repeat(2)
+    near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _OF_ONE)
+    ends = picture[:-1].flatten(1).index_select(1, spot).T
+    n = len(at)
+    first, second, to_first, to_second = ends[:n], ends[n:], away[:n], away[n:]
+    is_first, is_second = near[:n], near[n:]
     both = is_first & is_second
     # of two ends the nearer counts more; of one, the less the farther it is
     share = torch.where(both, to_second / (to_first + to_second), is_first.to(r.dtype))[:, None]

@@ -31,7 +31,7 @@ def blocks(layer: torch.Tensor) -> torch.Tensor:
 def test_all_that_reaches_a_tile_is_in_its_patch(layer: torch.Tensor, margin: int) -> None:
     """And all that it shows: at most a block more than a pixel and its reach need."""
     tiles = grid_over(*SIZE, side=32).tiles
-    found = patches(blocks(layer), tiles, margin, SIZE)
+    (found,) = patches(blocks(layer)[None], tiles, [margin], SIZE)
     for tile, patch in zip(tiles, found, strict=True):
         near = tile.grown(margin, Box(0, 0, *SIZE))
         rows, columns = torch.nonzero(near.of(layer)).unbind(1)
@@ -48,6 +48,15 @@ def test_all_that_reaches_a_tile_is_in_its_patch(layer: torch.Tensor, margin: in
             assert max(patch.lit.height, patch.lit.width) <= BLOCK
         most = (tile.height + 2 * margin, tile.width + 2 * margin)
         assert all(n <= m for n, m in zip(patch.least, most, strict=True))
+
+
+@given(some=st.lists(st.tuples(layers(), st.integers(0, 40)), min_size=1, max_size=4))
+def test_layers_do_not_know_of_each_other(some: list[tuple[torch.Tensor, int]]) -> None:
+    tiles = grid_over(*SIZE, side=32).tiles
+    stacked = torch.stack([blocks(layer) for layer, _ in some])
+    found = patches(stacked, tiles, [margin for _, margin in some], SIZE)
+    for (layer, margin), each in zip(some, found, strict=True):
+        assert [each] == patches(blocks(layer)[None], tiles, [margin], SIZE)
 
 
 @given(
@@ -77,7 +86,7 @@ def test_a_transform_lies_within_that_of_the_tile(most: tuple[int, int]) -> None
     layer = torch.zeros(SIZE, dtype=torch.bool)
     layer[60:, 100:] = True
     tile, margin = Box(32, 64, most[0] - 16, most[1] - 16), 8
-    (patch,) = patches(blocks(layer), [tile], margin, SIZE)
+    ((patch,),) = patches(blocks(layer)[None], [tile], [margin], SIZE)
     assert patch is not None
     for size in (most, patch.least):
         box = patch.transformed(size, tile, most)
