@@ -22,12 +22,17 @@ _PIXELS = 1 << 15
 
 
 def continued(
-    levels: Sequence[Level], at: Tensor, border: Tensor, fine: tuple[Axis, Axis]
+    finest: tuple[Tensor, Tensor],
+    levels: Sequence[Level],
+    at: Tensor,
+    border: Tensor,
+    fine: tuple[Axis, Axis],
 ) -> tuple[Tensor, Tensor]:
     """Values of some pixels, of each from the surfaces that lie beyond its border.
 
     Args:
-        levels: From fine to coarse, K channels.
+        finest: What is around them at the finest resolution, as below.
+        levels: The next ones, from fine to coarse, K channels.
         at: [n, 2] rows and columns of the pixels at full resolution, in between them too.
         border: [n] px of radius.
         fine: Where the middle of the frame is at full resolution.
@@ -35,8 +40,8 @@ def continued(
     Returns:
         [K, n] values times their weight, and [n] these weights, in [0, 1].
     """
-    values, weight = nearby(levels[0], at, border, fine)
-    for level in levels[1:]:
+    values, weight = finest
+    for level in levels:
         some = torch.nonzero(weight < _ENOUGH)[:, 0]
         if not len(some):
             break

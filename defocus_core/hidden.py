@@ -178,11 +178,14 @@ def _seen_coarsely(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Colour and radius of cells [C + 1, n] times their weight, structure tensors, and weights."""
     at = view.pixels(groups.at) + groups.at.new_tensor(box[:2])
-    colors = [level.channels(slice(-3)) for level in beyond.levels]
-    tensors = [level.channels(slice(-3, None)) for level in beyond.levels[:_DIRECTIONS]]
-    values, weight = continued(colors, at, groups.border, beyond.fine)
-    tensor = sum(nearby(level, at, groups.border, beyond.fine)[0] for level in tensors)
-    assert isinstance(tensor, Tensor)
+    finest, *levels = beyond.levels
+    both, weight = nearby(finest, at, groups.border, beyond.fine)
+    colors = [level.channels(slice(-3)) for level in levels]
+    values, weight = continued((both[:-3], weight), colors, at, groups.border, beyond.fine)
+    tensor = both[-3:]
+    for level in levels[: _DIRECTIONS - 1]:
+        tensors = level.channels(slice(-3, None))
+        tensor = tensor + nearby(tensors, at, groups.border, beyond.fine)[0]
     result, tensor, weight = (x.index_select(-1, groups.of) for x in (values, tensor, weight))
     return result, tensor, weight
 
@@ -192,9 +195,11 @@ def _with_what_is_next(
 ) -> tuple[Tensor, Tensor]:
     """The same with what lies next to the pixels of cells, at half of the resolution, first."""
     offsets = (-0.25, 0.25) if view.halvings else (0.0,)
-    spots = [at + border.new_tensor([y, x]) for y in offsets for x in offsets]
-    parts = [nearby(half, view.pixels(spot), border, view.fine) for spot in spots]
-    found, share = (sum(each) / len(parts) for each in zip(*parts, strict=True))
+    offset = border.new_tensor([(y, x) for y in offsets for x in offsets])
+    n, count = len(at), len(offset)
+    spots = (offset[:, None] + at).flatten(0, 1)
+    found, share = nearby(half, view.pixels(spots), border.repeat(count), view.fine)
+    found, share = found.reshape(-1, count, n).mean(1), share.reshape(count, n).mean(0)
     most = (share * _NEXT).clamp(max=1)
     left = 1 - most
     found = found * (most / torch.where(share > 0, share, 1.0))
