@@ -53,7 +53,8 @@ def with_hard_edges(signed_radius: Tensor, pixels: Tensor) -> Tensor:
         )
     )
     radii, middle = steps.flatten(), (least + most) / 2
-    linked, ends = _linked(pixels.detach().to(radii.dtype), radii.detach(), unsure, index)
+    colors = pixels.detach().to(torch.promote_types(pixels.dtype, torch.float32))
+    linked, ends = _linked(colors, radii.detach(), unsure, index)
     own = radii.index_select(0, index)
     found = radii.index_select(0, ends.index_select(0, linked.clamp(min=0)))
     moved = (linked >= 0) & (foot | ((found > middle) != (own > middle)))

@@ -90,6 +90,12 @@ def test_exposure_decides_nothing(exposure: float) -> None:
     assert torch.equal(with_hard_edges(radius, exposure * image), with_hard_edges(radius, image))
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+def test_precision_decides_little(dtype: torch.dtype) -> None:
+    radius, image = soft_depth(7, 4).to(dtype), (100 * two_colors()).to(dtype)
+    assert torch.equal(with_hard_edges(radius, image), hard_depth().to(dtype))
+
+
 @pytest.mark.parametrize("kind", [kind for kind in RADII if kind != "random"])
 def test_surfaces_and_hard_edges_stay(kind: str) -> None:
     radius = RADII[kind](SIZE)
