@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count
 from typing import NamedTuple
 
@@ -66,7 +67,8 @@ def finished(
     """
     beyond, given = None, signed_radius
     if frame.soft_edges:
-        signed_radius = Mended(signed_radius, with_hard_edges, AROUND_SOFT_EDGES, pixels)
+        mend = partial(with_hard_edges, steep=frame.soft_edges)
+        signed_radius = Mended(signed_radius, mend, AROUND_SOFT_EDGES, pixels)
     elif frame.ramps:
         signed_radius = Mended(signed_radius, without_ramps, AROUND_RAMPS)
     if frame.terraces:

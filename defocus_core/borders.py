@@ -23,6 +23,17 @@ _LEAST_SHARE = 0.01
 _STEPS = 1024
 
 
+def px_from_borders(box: Box, size: tuple[int, int], device: torch.device) -> Tensor:
+    """Px [h, w] between each pixel of a box and the nearest border of a frame: 0 beside it."""
+    down, across = (
+        torch.minimum(at, length - 1 - at)
+        for at, length in zip(
+            (torch.arange(s.first, s.end, device=device) for s in box.sides), size, strict=True
+        )
+    )
+    return torch.minimum(down[:, None], across)
+
+
 def share_in_frame(
     signed_radius: Tensor, box: Box, size: tuple[int, int], aperture: Aperture, parts: list[Part]
 ) -> Tensor:
@@ -40,15 +51,13 @@ def share_in_frame(
     Returns:
         [M, 1, h, w] in [0.01, 1].
     """
-    y = torch.arange(box.top, box.top + box.height, device=signed_radius.device)
-    x = torch.arange(box.left, box.left + box.width, device=signed_radius.device)
     (H, W), r = size, signed_radius
-    near = torch.minimum(torch.minimum(y, H - 1 - y)[:, None], torch.minimum(x, W - 1 - x)) + 0.5
+    near = px_from_borders(box, size, r.device) + 0.5
     share = r.new_ones(len(parts), r.numel())
     some = torch.nonzero((r.detach().abs() > near.clamp(min=_FROM)).flatten())[:, 0]
     if len(some):
         r, row = r.flatten()[some], some.div(box.width, rounding_mode="floor")
-        places = (x[some - row * box.width], y[row])
+        places = (some - row * box.width + box.left, row + box.top)
         across, down = (
             torch.stack([(at + 0.5) / r, (at + 0.5 - length) / r], -1).sort(-1).values.clamp(-1, 1)
             for at, length in zip(places, (W, H), strict=True)

@@ -70,7 +70,7 @@ class Frame:
         invented: How what is invented is.
         edges: Whether surfaces hide others.
         ramps: Whether some edges are ramps.
-        soft_edges: Whether some of these are soft edges, several px wide.
+        soft_edges: Slope in px per px of soft edges, several px wide; None if there are none.
         terraces: Whether depth has but few levels.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
@@ -98,7 +98,7 @@ class Frame:
     invented: FillSlices
     edges: bool
     ramps: bool
-    soft_edges: bool
+    soft_edges: float | None
     terraces: bool
     tilted: bool
     margin: int

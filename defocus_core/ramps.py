@@ -12,24 +12,23 @@ import torch
 from torch import Tensor
 
 # Slope in px per px, on both sides of a pixel, of a ramp.
-_STEEP = 1.5
+STEEP = 1.5
 # Px over which the ends of a ramp are looked for.
 _WIDEST = 10
 # Px around a pixel that decide what it becomes.
 AROUND = _WIDEST + 2
 
 
-def without_ramps(signed_radius: Tensor) -> Tensor:
+def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
     """Radii [H, W] px with steps in the place of ramps.
 
-    A hard edge is as it was, and so is a slope of up to 1 px per px.
+    A hard edge is as it was, and so is a slope of up to `steep` px per px.
     """
-    r = signed_radius.detach()
-    at = torch.nonzero(on_ramps(r))
+    at = torch.nonzero(steepness(signed_radius) > steep)
     if not len(at):
         return signed_radius
-    H, W = r.shape
-    offset = torch.arange(-1, 2, device=r.device)
+    H, W = signed_radius.shape
+    offset = torch.arange(-1, 2, device=at.device)
     y = (at[:, :1] + offset).clamp(0, H - 1)[:, :, None]
     x = (at[:, 1:] + offset).clamp(0, W - 1)[:, None, :]
     around = (y * W + x).flatten(1)  # [n, 9]
@@ -44,24 +43,20 @@ def without_ramps(signed_radius: Tensor) -> Tensor:
     return radii.reshape(H, W)
 
 
-def has_ramps(signed_radius: Tensor, steepest: float) -> bool:
-    """Whether there is a ramp among radii [H, W] px whose greatest step is known."""
-    return steepest > _STEEP and bool(on_ramps(signed_radius).any())
+def steepness(signed_radius: Tensor) -> Tensor:
+    """The slope of the ramps that pixels [H, W] lie on, px per px; not positive elsewhere.
 
-
-def on_ramps(r: Tensor) -> Tensor:
-    """Whether pixels [H, W] lie on a steep slope along either axis."""
-    return _on_a_ramp(r, -1) | _on_a_ramp(r, -2)
-
-
-def _on_a_ramp(r: Tensor, dim: int) -> Tensor:
-    """Whether pixels [H, W] lie on a steep slope, up or down, along an axis."""
-    found = torch.zeros_like(r, dtype=torch.bool)
-    if r.shape[dim] > 2:
-        step = r.diff(dim=dim)
-        n = step.shape[dim] - 1
-        inner = found.narrow(dim, 1, n)
-        first, second = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
-        inner |= torch.minimum(first, second) > _STEEP
-        inner |= torch.maximum(first, second) < -_STEEP
+    It is the smaller one of both sides of a pixel, where both go up or both go down, along the
+    steeper axis: beside a hard edge there is none.
+    """
+    r = signed_radius.detach()
+    found = torch.zeros_like(r)
+    for dim in (-1, -2):
+        if r.shape[dim] > 2:
+            step = r.diff(dim=dim)
+            n = step.shape[dim] - 1
+            first, second = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
+            inner = found.narrow(dim, 1, n)
+            for least in (torch.minimum(first, second), -torch.maximum(first, second)):
+                torch.maximum(inner, least, out=inner)
     return found

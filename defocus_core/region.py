@@ -11,7 +11,7 @@ from torch import Tensor
 
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
-from defocus_core.borders import share_in_frame
+from defocus_core.borders import px_from_borders, share_in_frame
 from defocus_core.compositing import (
     add_behind,
     add_within,
@@ -84,7 +84,11 @@ class Region:
             outer.of(x).to(frame.dtype).contiguous() for x in (pixels, signed_radius)
         )
         pixels, highlights = split(pixels, signed_radius, frame.limit)
-        self._in_frame = self._shares_in_frame(core, core.seen_from(outer).of(signed_radius))
+        self._in_frame: list[Tensor] | None = None  # what parts of the aperture see of it
+        if frame.edges and not self._is_inside(core):
+            radius, lens = core.seen_from(outer).of(signed_radius), (frame.size, frame.aperture)
+            groups = [frame.parts[group] for group in frame.groups]
+            self._in_frame = [share_in_frame(radius, core, *lens, parts) for parts in groups]
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         self._visible = self._in_front(own, signed_radius)
         # nothing is invented where something is known
@@ -108,7 +112,7 @@ class Region:
                 self._invented = self._filling(hidden, frame.invented)
         self._highlights = None
         if highlights:
-            lit = draw(
+            self._highlights = draw(
                 highlights,
                 signed_radius,
                 position(signed_radius, frame.radii),
@@ -117,7 +121,6 @@ class Region:
                 frame.parts,
                 core.seen_from(outer),
             )
-            self._highlights = lit
 
     def _in_front(self, own: Unmixed, signed_radius: Tensor) -> Sliced:
         """The visible surfaces."""
@@ -192,14 +195,10 @@ class Region:
             covered, observed = ((x * weights).sum(0) / weights.sum() for x in (covered, observed))
         else:
             covered, observed = covered[0], observed[0]
-        box, (H, W) = self._tiles[index], self._frame.size
-        share, spread = observed / covered, self._frame.farthest
-        if box != box.grown(0, self._frame.box.shrunk(spread)):
-            y = torch.arange(box.top, box.top + box.height, device=covered.device)
-            x = torch.arange(box.left, box.left + box.width, device=covered.device)
-            down, across = torch.minimum(y, H - 1 - y), torch.minimum(x, W - 1 - x)
-            inner = torch.minimum(down[:, None], across) >= spread
-            share = share * torch.where(inner, 1.0, covered)
+        box, share = self._tiles[index], observed / covered
+        if not self._is_inside(box):
+            away = px_from_borders(box, self._frame.size, covered.device)
+            share = share * torch.where(away >= self._frame.farthest, 1.0, covered)
         return share.clamp(0, 1)[None, None]
 
     def _fronts(self, index: int, full: list[Tensor | float]) -> tuple[list[Tensor], Tensor | None]:
@@ -249,17 +248,6 @@ class Region:
             torch.cat([some[:, :-1] + lit[group], some[:, -1:]], 1)
             for some, group in zip(seen, self._frame.groups, strict=True)
         ]
-
-    def _shares_in_frame(self, core: Box, signed_radius: Tensor) -> list[Tensor] | None:
-        """For each group the share of parts of the aperture that looks at the frame.
-
-        None where all do, or where nothing lies behind.
-        """
-        frame = self._frame
-        if not frame.edges or self._is_inside(core):
-            return None
-        lens = frame.size, frame.aperture
-        return [share_in_frame(signed_radius, core, *lens, frame.parts[g]) for g in frame.groups]
 
     def _is_inside(self, box: Box) -> bool:
         """Whether no light from beyond the frame reaches a part of it."""

@@ -13,7 +13,12 @@ from torch import Tensor
 
 from defocus_core.extremes import extreme_around
 from defocus_core.ramps import AROUND as AROUND_RAMPS
-from defocus_core.ramps import on_ramps, without_ramps
+from defocus_core.ramps import STEEP, steepness, without_ramps
+
+# Slope of a soft edge, per px, as a share of the range of radii in a frame, and at least in px: of
+# less it does not matter where it lies. Of a hard edge the least step, in such slopes, and how much
+# more level the pixels beside it are.
+_SHARE, _LEAST, _STEP, _LEVEL = 1 / 40, 0.75, 2.0, 0.25
 
 # Px around a ramp in which the edge may be; and within which radii are still those of the ramp.
 _BESIDE, _FOOT = 8, 1
@@ -27,19 +32,36 @@ _UNITS, _NUMBERS, _NOWHERE = 1 << 12, 1 << 32, 1 << 62
 AROUND = max(_FARTHEST, _SIDES) + _BESIDE + 2 + AROUND_RAMPS
 
 
-def soft_edges(signed_radius: Tensor) -> Tensor:
-    """The pixels [H, W] bool in the middle of ramps that are several px wide and long.
+def softness(signed_radius: Tensor) -> Tensor:
+    """The slope of ramps that are several px wide and long, at pixels [H, W] in their middle."""
+    return extreme_around(steepness(signed_radius), 1, torch.minimum)
 
-    Args:
-        signed_radius: [H, W] px.
+
+def slope_of_soft_edges(least: float, most: float) -> float:
+    """The slope in px per px of a soft edge in a frame of such radii in px.
+
+    A surface may be steep; but none of those that are seen goes through the whole range in 40 px.
     """
-    return extreme_around(on_ramps(signed_radius), 1, torch.minimum)
+    return min(STEEP, max(_LEAST, (most - least) * _SHARE))
 
 
-def with_hard_edges(signed_radius: Tensor, pixels: Tensor) -> Tensor:
+def hard_steps(signed_radius: Tensor, steep: float) -> Tensor:
+    """How many steps of radii [H, W] px from one pixel to the next are hard edges."""
+    found = torch.zeros((), dtype=torch.long, device=signed_radius.device)
+    for dim in (-1, -2):
+        step = signed_radius.detach().diff(dim=dim).abs()
+        n = step.shape[dim] - 2
+        if n > 0:
+            before, here, after = (step.narrow(dim, i, n) for i in range(3))
+            level = torch.maximum(before, after) < _LEVEL * here
+            found += ((here > _STEP * steep) & level).sum()
+    return found
+
+
+def with_hard_edges(signed_radius: Tensor, pixels: Tensor, steep: float = STEEP) -> Tensor:
     """Radii [H, W] px without ramps; soft edges lie where the colours of [C, H, W] change."""
-    steps = without_ramps(signed_radius)
-    soft = extreme_around(soft_edges(signed_radius), 1, torch.maximum)
+    steps = without_ramps(signed_radius, steep)
+    soft = extreme_around(softness(signed_radius) > steep, 1, torch.maximum)
     if not bool(soft.any()):
         return steps
     unsure = extreme_around(soft, _BESIDE, torch.maximum)
@@ -55,6 +77,8 @@ def with_hard_edges(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     radii, middle = steps.flatten(), (least + most) / 2
     colors = pixels.detach().to(torch.promote_types(pixels.dtype, torch.float32))
     linked, ends = _linked(colors, radii.detach(), unsure, index)
+    if not len(ends):
+        return steps
     own = radii.index_select(0, index)
     found = radii.index_select(0, ends.index_select(0, linked.clamp(min=0)))
     moved = (linked >= 0) & (foot | ((found > middle) != (own > middle)))

@@ -8,14 +8,18 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.ramps import has_ramps
+from defocus_core.ramps import STEEP, steepness
 from defocus_core.ranks import Ranks, counted
-from defocus_core.soft_edges import soft_edges
+from defocus_core.soft_edges import hard_steps, slope_of_soft_edges, softness
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.terraces import Levels, are_few, levels_of
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
+# Share of a frame that edges may be: what is steep nearly everywhere is a surface.
+_EDGES = 0.25
+# Px from a pixel to the next up to which there is no edge, and no ramp, that matters.
+_LITTLE = 0.25
 # Every how many rows and columns a pixel is looked at where some will do.
 _SOME = 3
 
@@ -25,14 +29,12 @@ class _Band(NamedTuple):
 
     Attributes:
         ends: [6] least and greatest radius, greatest steps, least and greatest value.
-        ramps: Whether there are any.
-        soft_edges: Whether there are any.
+        ramps: [2] slope in px per px of the steepest one, and of the steepest soft edge.
         levels: Of depth.
     """
 
     ends: Tensor
-    ramps: bool
-    soft_edges: bool
+    ramps: Tensor
     levels: Levels
 
 
@@ -44,7 +46,8 @@ class Survey(NamedTuple):
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
         ramps: Whether ramps of depth are to be made steps.
-        soft_edges: Whether some of them are soft edges, to be put where colours have theirs.
+        soft_edges: Slope in px per px of edges that are soft, to be put where colours have theirs;
+            None where most are hard.
         terraces: Whether small steps are to be made slopes.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
@@ -57,7 +60,7 @@ class Survey(NamedTuple):
     most: float
     steepest: tuple[float, float]
     ramps: bool
-    soft_edges: bool
+    soft_edges: float | None
     terraces: bool
     darkest: float
     brightest: float
@@ -82,9 +85,10 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
 
     def looked_at(rows: tuple[int, int]) -> tuple[_Band, list[Tensor]]:
         """What a band tells, and counts that add up."""
-        around = signed_radius[rows[0] : rows[1] + 2].detach().to(dtype)
-        below = around[: rows[1] + 1 - rows[0]]
-        r = around[: rows[1] - rows[0]]
+        above = min(rows[0], 2)
+        around = signed_radius[rows[0] - above : rows[1] + 2].detach().to(dtype)
+        below = around[above : above + rows[1] + 1 - rows[0]]
+        r = below[: rows[1] - rows[0]]
         some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         steps = [
             step.abs().amax() if step.numel() else r.new_zeros(())
@@ -93,12 +97,14 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         brightness = some.amax(0)
         few = _few(brightness, rows[0])
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
-        ramps = has_ramps(around, float(torch.maximum(*steps)))
-        soft = ramps and bool(_soft_edges(signed_radius, rows).any())
+        ramps = ends.new_zeros(2)
+        if float(torch.maximum(*steps)) > _LITTLE:
+            soft = softness(around)[above : above + len(r)]
+            ramps = torch.stack([steepness(around).amax(), soft.amax()])
         some_rows = slice(-rows[0] % _SOME, rows[1] - rows[0], _SOME)
-        levels = levels_of(r[some_rows], around[1:][some_rows])
+        levels = levels_of(r[some_rows], below[1:][some_rows])
         counts = [counted(brightness), counted(few), (few <= 0).sum()]
-        return _Band(ends, ramps, soft, levels), counts
+        return _Band(ends, ramps, levels), counts
 
     told: list[_Band] = []
     total: list[Tensor] = []
@@ -113,6 +119,10 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
 
+    steepest, softest = torch.stack([band.ramps for band in told]).amax(0).tolist()
+    soft_edges = slope_of_soft_edges(float(ends[0]), float(ends[1]))
+    mostly_soft = softest > soft_edges and _mostly_soft(signed_radius, soft_edges)
+
     def brightness_again() -> Iterator[Tensor]:
         return (band.to(dtype).amax(0) for band in banded(pixels))
 
@@ -123,8 +133,8 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
-        ramps=any(band.ramps for band in told),
-        soft_edges=any(band.soft_edges for band in told),
+        ramps=steepest > STEEP,
+        soft_edges=soft_edges if mostly_soft else None,
         terraces=are_few([band.levels for band in told]),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
@@ -139,8 +149,16 @@ def _few(brightness: Tensor, first: int) -> Tensor:
     return brightness[-first % _SOME :: _SOME, ::_SOME]
 
 
-def _soft_edges(signed_radius: Pixels, rows: tuple[int, int]) -> Tensor:
-    """Soft edges in some rows of a frame, as they are found in the whole of it."""
-    first = max(rows[0] - 2, 0)
-    found = soft_edges(signed_radius[first : rows[1] + 2].detach())
-    return found[rows[0] - first : rows[1] - first]
+def _mostly_soft(signed_radius: Pixels, steep: float) -> bool:
+    """Whether more pixels of a frame lie on soft edges of some slope than beside hard ones.
+
+    And not on a surface that is as steep: in a frame of few px each surface is.
+    """
+    soft = hard = 0
+    for first, last in bands(*signed_radius.shape):
+        above = min(first, 2)
+        around = signed_radius[first - above : last + 2].detach()
+        soft += int((softness(around)[above : above + last - first] > steep).sum())
+        hard += int(hard_steps(around, steep))
+    height, width = signed_radius.shape
+    return hard < soft < _EDGES * height * width

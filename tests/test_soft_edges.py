@@ -11,7 +11,13 @@ from defocus_core import render
 from defocus_core.extremes import extreme_around
 from defocus_core.mended import Mended
 from defocus_core.ramps import without_ramps
-from defocus_core.soft_edges import AROUND, soft_edges, with_hard_edges
+from defocus_core.soft_edges import (
+    AROUND,
+    hard_steps,
+    slope_of_soft_edges,
+    softness,
+    with_hard_edges,
+)
 from defocus_core.survey import survey
 from defocus_core.tiling import Box
 
@@ -138,33 +144,49 @@ def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
 
 def told(radius: Tensor) -> bool:
     seen = survey(torch.rand(3, *radius.shape), radius, torch.float64, 1)
-    assert seen.soft_edges <= seen.ramps
-    return seen.soft_edges
+    if seen.soft_edges is not None:
+        assert seen.soft_edges == slope_of_soft_edges(seen.least, seen.most)
+    return seen.soft_edges is not None
 
 
-def test_soft_edges_are_told_from_surfaces() -> None:
-    assert told(soft_depth(7))
-    assert not told(soft_depth(2))
-    assert not told(soft_depth(40))
+@pytest.mark.parametrize("range_px", [20.0, 40.0, 80.0])
+def test_soft_edges_are_told_from_surfaces(range_px: float) -> None:
+    """Whatever the lens."""
+    for width, soft in ((5, True), (7, True), (12, True), (2, False), (60, False)):
+        assert told(soft_depth(width, far=range_px)) is soft
+    assert not told(soft_depth(7, far=4.0))  # of so little blur it does not show
     for kind in ("slanted", "steps", "checkerboard"):
-        assert not told(RADII[kind](SIZE))
-    one = hard_depth()
-    one[30, MIDDLE - 2 : MIDDLE + 3] = torch.linspace(0, 20, 5).double()  # one row is no edge
-    assert not told(one)
+        assert not told(RADII[kind](SIZE) * range_px / 20)
+    one = hard_depth(far=range_px)
+    one[30, MIDDLE - 2 : MIDDLE + 3] = torch.linspace(0, range_px, 5).double()
+    assert not told(one)  # a row of it is no edge
 
 
-@pytest.mark.parametrize("row", range(250, 262))
-def test_a_soft_edge_is_told_wherever_bands_of_rows_end(row: int) -> None:
-    """Rows are looked at 256 at a time; three of them make an edge, and two do not."""
-    flat = torch.zeros(520, 40, dtype=torch.float64)
-    flat[row : row + 3, 20:] = 20
-    flat[row : row + 3, 16:21] = torch.linspace(0, 20, 5).double()
-    count = int(soft_edges(flat).sum())
-    assert told(flat) is (count > 0)
-    assert count > 0
-    flat[row] = 0
-    assert not bool(soft_edges(flat).any())
-    assert not told(flat)
+def test_a_frame_of_few_pixels_has_surfaces_that_are_as_steep() -> None:
+    y, x = (torch.arange(n, dtype=torch.float64) for n in (16, 24))
+    radius = 0.5 * x + 0.4 * y[:, None]
+    assert not told(radius)
+    image = torch.rand(3, 16, 24, dtype=torch.float64)
+    assert torch.equal(with_hard_edges(radius, image, 0.2), without_ramps(radius, 0.2))
+
+
+def test_a_steep_surface_among_hard_edges_is_none() -> None:
+    """Like the side of a box."""
+    radius = hard_depth()
+    radius[10:20, 20:30] = torch.linspace(0, 20, 10).double()
+    radius[:, 70:] -= 12
+    assert bool((softness(radius) > slope_of_soft_edges(0, 20)).any())
+    assert not told(radius)
+
+
+@pytest.mark.parametrize("height", [120, 255, 256, 257, 258, 259, 520])
+def test_bands_of_rows_decide_nothing(height: int) -> None:
+    """Rows are looked at 256 at a time."""
+    image, radius = bumpy(1, (height, 90))
+    steep = slope_of_soft_edges(float(radius.min()), float(radius.max()))
+    assert int((softness(radius) > steep).sum()) > int(hard_steps(radius, steep))
+    assert told(radius)
+    assert not told(with_hard_edges(radius, image, steep))
 
 
 def test_each_radius_has_one_source() -> None:
