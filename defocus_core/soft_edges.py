@@ -18,8 +18,7 @@ from defocus_core.ramps import STEEP, steepness, without_ramps
 # Slope of a soft edge, per px, as a share of the range of radii in a frame, and at least in px: of
 # less it does not matter where it lies. Of a hard edge the least step, in such slopes, and how much
 # more level the pixels beside it are.
-_SHARE, _LEAST, _STEP, _LEVEL = 1 / 40, 0.75, 2.0, 0.25
-
+_SHARE, LEAST, _STEP, _LEVEL = 1 / 40, 0.75, 2.0, 0.25
 # Px around a ramp in which the edge may be; and within which radii are still those of the ramp.
 _BESIDE, _FOOT = 8, 1
 # Px of the longest path; and what a px of it costs, where 1 is the greatest change of colour.
@@ -32,9 +31,13 @@ _UNITS, _NUMBERS, _NOWHERE = 1 << 12, 1 << 32, 1 << 62
 AROUND = max(_FARTHEST, _SIDES) + _BESIDE + 2 + AROUND_RAMPS
 
 
-def softness(signed_radius: Tensor) -> Tensor:
-    """The slope of ramps that are several px wide and long, at pixels [H, W] in their middle."""
-    return extreme_around(steepness(signed_radius), 1, torch.minimum)
+def softness(slope: Tensor) -> Tensor:
+    """The slope of ramps that are several px wide and long, at pixels [H, W] in their middle.
+
+    Args:
+        slope: [H, W] of all ramps, from `steepness`.
+    """
+    return extreme_around(slope, 1, torch.minimum)
 
 
 def slope_of_soft_edges(least: float, most: float) -> float:
@@ -42,7 +45,7 @@ def slope_of_soft_edges(least: float, most: float) -> float:
 
     A surface may be steep; but none of those that are seen goes through the whole range in 40 px.
     """
-    return min(STEEP, max(_LEAST, (most - least) * _SHARE))
+    return min(STEEP, max(LEAST, (most - least) * _SHARE))
 
 
 def hard_steps(signed_radius: Tensor, steep: float) -> Tensor:
@@ -61,7 +64,7 @@ def hard_steps(signed_radius: Tensor, steep: float) -> Tensor:
 def with_hard_edges(signed_radius: Tensor, pixels: Tensor, steep: float = STEEP) -> Tensor:
     """Radii [H, W] px without ramps; soft edges lie where the colours of [C, H, W] change."""
     steps = without_ramps(signed_radius, steep)
-    soft = extreme_around(softness(signed_radius) > steep, 1, torch.maximum)
+    soft = extreme_around(softness(steepness(signed_radius)) > steep, 1, torch.maximum)
     if not bool(soft.any()):
         return steps
     unsure = extreme_around(soft, _BESIDE, torch.maximum)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from defocus_core.ramps import STEEP, steepness
 from defocus_core.ranks import Ranks, counted
-from defocus_core.soft_edges import hard_steps, slope_of_soft_edges, softness
+from defocus_core.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.terraces import Levels, are_few, levels_of
 from defocus_core.threads import threaded
@@ -18,8 +18,6 @@ from defocus_core.tiling import Box
 
 # Share of a frame that edges may be: what is steep nearly everywhere is a surface.
 _EDGES = 0.25
-# Px from a pixel to the next up to which there is no edge, and no ramp, that matters.
-_LITTLE = 0.25
 # Every how many rows and columns a pixel is looked at where some will do.
 _SOME = 3
 
@@ -98,9 +96,10 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         few = _few(brightness, rows[0])
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
         ramps = ends.new_zeros(2)
-        if float(torch.maximum(*steps)) > _LITTLE:
-            soft = softness(around)[above : above + len(r)]
-            ramps = torch.stack([steepness(around).amax(), soft.amax()])
+        if float(torch.maximum(*steps)) > LEAST:
+            slope = steepness(around)
+            soft = softness(slope)[above : above + len(r)]
+            ramps = torch.stack([slope.amax(), soft.amax()])
         some_rows = slice(-rows[0] % _SOME, rows[1] - rows[0], _SOME)
         levels = levels_of(r[some_rows], below[1:][some_rows])
         counts = [counted(brightness), counted(few), (few <= 0).sum()]
@@ -158,7 +157,7 @@ def _mostly_soft(signed_radius: Pixels, steep: float) -> bool:
     for first, last in bands(*signed_radius.shape):
         above = min(first, 2)
         around = signed_radius[first - above : last + 2].detach()
-        soft += int((softness(around)[above : above + last - first] > steep).sum())
+        soft += int((softness(steepness(around))[above : above + last - first] > steep).sum())
         hard += int(hard_steps(around, steep))
     height, width = signed_radius.shape
     return hard < soft < _EDGES * height * width

@@ -10,7 +10,7 @@ from torch.nn.functional import max_pool2d
 from defocus_core import render
 from defocus_core.extremes import extreme_around
 from defocus_core.mended import Mended
-from defocus_core.ramps import without_ramps
+from defocus_core.ramps import steepness, without_ramps
 from defocus_core.soft_edges import (
     AROUND,
     hard_steps,
@@ -175,7 +175,7 @@ def test_a_steep_surface_among_hard_edges_is_none() -> None:
     radius = hard_depth()
     radius[10:20, 20:30] = torch.linspace(0, 20, 10).double()
     radius[:, 70:] -= 12
-    assert bool((softness(radius) > slope_of_soft_edges(0, 20)).any())
+    assert bool((softness(steepness(radius)) > slope_of_soft_edges(0, 20)).any())
     assert not told(radius)
 
 
@@ -184,7 +184,7 @@ def test_bands_of_rows_decide_nothing(height: int) -> None:
     """Rows are looked at 256 at a time."""
     image, radius = bumpy(1, (height, 90))
     steep = slope_of_soft_edges(float(radius.min()), float(radius.max()))
-    assert int((softness(radius) > steep).sum()) > int(hard_steps(radius, steep))
+    assert int((softness(steepness(radius)) > steep).sum()) > int(hard_steps(radius, steep))
     assert told(radius)
     assert not told(with_hard_edges(radius, image, steep))
 
