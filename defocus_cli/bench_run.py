@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from defocus_cli import memory
 from defocus_cli.errors import InputError
+from defocus_cli.focusing import radius_at_infinity
 from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
@@ -95,7 +96,13 @@ def _work(
         return lambda: baselines.plain_sum(sharp, radius, aperture=aperture, threads=threads)
     if method == "over":
         return lambda: baselines.over(sharp, radius, aperture=aperture, threads=threads)
-    return lambda: render(sharp, radius, aperture=aperture, quality=method, threads=threads).render
+    height, width = radius.shape
+    infinity = radius_at_infinity(shot.lens, (width, height))
+    return lambda: (
+        render(
+            sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity
+        ).render
+    )
 
 
 def warm_up(device: str) -> None:

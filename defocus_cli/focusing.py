@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from defocus_cli.depth import Depth
+    from defocus_core import DefocusLens
 
 MM_PER_M = 1000.0
 DRAWS = 100
@@ -66,21 +67,21 @@ def signed_radius(
     import numpy as np
     import torch
 
-    from defocus_core import DefocusLens
-
-    width, height = size
-    sensor = (lens.sensor_width, lens.sensor_width * height / width)
     depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
-    try:
-        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
-        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
-    except ValueError as error:
-        raise UsageProblem("--focus", reason(error), "check the lens options") from error
-    radius: NDArray[np.float32] = thin.signed_radius(depth_mm).float().numpy()
+    radius: NDArray[np.float32] = _thin(lens, size).signed_radius(depth_mm).float().numpy()
     if not np.isfinite(radius).all():
         problem = f"f/{lens.fnum:g} blurs beyond all numbers in this picture"
         raise UsageProblem("--fnumber", problem, "check the lens options and the depth's unit")
     return radius
+
+
+def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
+    """Signed CoC radius in px of what is infinitely far, in pictures of ``size`` (width, height).
+
+    Raises:
+        UsageProblem: there is no such lens.
+    """
+    return _thin(lens, size).radius_at_infinity()
 
 
 def radius_map(lens: Lens, metres: Any, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
@@ -93,6 +94,22 @@ def radius_map(lens: Lens, metres: Any, keeping: Keeping) -> tuple[Any, tuple[fl
         whole[rows] = radius
         ends += [float(radius.min()), float(radius.max())]
     return whole, (min(ends), max(ends))
+
+
+def _thin(lens: Lens, size: tuple[int, int]) -> DefocusLens:
+    """The lens before a sensor of ``size`` (width, height) px."""
+    import torch
+
+    from defocus_core import DefocusLens
+
+    width, height = size
+    sensor = (lens.sensor_width, lens.sensor_width * height / width)
+    try:
+        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
+        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+    except ValueError as error:
+        raise UsageProblem("--focus", reason(error), "check the lens options") from error
+    return thin
 
 
 def _drawn(lens: Lens, attempt: int) -> Lens:

@@ -14,7 +14,7 @@ from defocus_cli.arrays import Windows, scratch_folder
 from defocus_cli.budget import base_mb, enough_mb
 from defocus_cli.calibration import Calibration, calibrated, kept, usual
 from defocus_cli.errors import TooLarge, UserError
-from defocus_cli.focusing import focused, radius_map
+from defocus_cli.focusing import focused, radius_at_infinity, radius_map
 from defocus_cli.job import RENDERED_KINDS, Job, Lens
 
 if TYPE_CHECKING:
@@ -134,6 +134,7 @@ def _planned(
     from defocus_core import Aperture
     from defocus_core.planning import plan
 
+    height, width = signed_radius.shape
     return plan(
         signed_radius,
         image=image,
@@ -141,6 +142,7 @@ def _planned(
         quality=quality_of(job.machine, coc_px),
         left_right=bool({"left", "right"} & set(job.outputs.kinds)),
         tile=job.machine.tile,
+        infinity=radius_at_infinity(lens, (width, height)),
     )
 
 

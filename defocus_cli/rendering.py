@@ -11,7 +11,7 @@ from defocus_cli import memory
 from defocus_cli.arrays import Windows, bands
 from defocus_cli.budget import image_type
 from defocus_cli.errors import TooLarge
-from defocus_cli.focusing import radius_map
+from defocus_cli.focusing import radius_at_infinity, radius_map
 from defocus_cli.job import IMAGE_KINDS, Job
 from defocus_cli.made import Loaded, Made, Outcome
 from defocus_cli.torch_threads import leave_threads_to_tiles
@@ -79,6 +79,8 @@ def rendered(
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     note = outcome.depth_note
+    if stream.frame.antialiased is not None:
+        note += "; anti-aliased, its edges made hard"
     if stream.frame.soft_edges:
         note += "; its soft edges moved to where the colours have edges"
     if stream.frame.terraces:
@@ -116,6 +118,7 @@ def _stream(
         hidden=behind,
         threads=job.machine.threads,
         tile=tile,
+        infinity=radius_at_infinity(lens, outcome.size),
         progress=progress,
     )
 

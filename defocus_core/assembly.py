@@ -10,6 +10,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.antialiased import AROUND as AROUND_AVERAGES
+from defocus_core.antialiased import without_averages
 from defocus_core.backdrop import backdrop
 from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
@@ -66,7 +68,10 @@ def finished(
         progress: As for `render`.
     """
     beyond, given = None, signed_radius
-    if frame.soft_edges:
+    if frame.antialiased is not None:
+        mend = partial(without_averages, infinity=frame.antialiased)
+        signed_radius = Mended(signed_radius, mend, AROUND_AVERAGES)
+    elif frame.soft_edges:
         mend = partial(with_hard_edges, steep=frame.soft_edges)
         signed_radius = Mended(signed_radius, mend, AROUND_SOFT_EDGES, pixels)
     elif frame.ramps:

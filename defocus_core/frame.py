@@ -69,6 +69,8 @@ class Frame:
         known: How what is known to be hidden is blurred.
         invented: How what is invented is.
         edges: Whether surfaces hide others.
+        antialiased: Of what pixels of edges are averages, as for `without_averages`; None if they
+            are not.
         ramps: Whether some edges are ramps.
         soft_edges: Slope in px per px of soft edges, several px wide; None if there are none.
         terraces: Whether depth has but few levels.
@@ -97,6 +99,7 @@ class Frame:
     known: FillSlices
     invented: FillSlices
     edges: bool
+    antialiased: float | None
     ramps: bool
     soft_edges: float | None
     terraces: bool
@@ -129,6 +132,7 @@ def frame_of(
     hidden: Behind | None,
     threads: int,
     tile: int | None = None,
+    infinity: float | None = None,
 ) -> Frame:
     """Look at a picture as a whole; the arguments are those of `render`, for one picture.
 
@@ -143,7 +147,7 @@ def frame_of(
         cells = [*cells, LEFT, RIGHT]
         groups.append(slice(1, 3))
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
-    seen = survey(pixels, signed_radius, dtype, threads)
+    seen = survey(pixels, signed_radius, dtype, threads, infinity)
     least, most = seen.least, seen.most
     if hidden is not None:
         least, most = _with_hidden(hidden, least, most)
@@ -152,7 +156,7 @@ def frame_of(
     limit = threshold(seen.brightness, seen.brightest)
     dtype = torch.float64 if _needs_double(seen, limit) else dtype
     grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
-    edges = max(seen.steepest) > 1
+    edges = max(seen.steepest) > 1 or seen.antialiased is not None
     halvings = 0 if num_layers or not edges else quality.hidden_halvings
     spreads = _spreads(radii, numbers, quality, (H, W), 0)
     coarse = _spreads(radii, numbers, quality, (H, W), halvings)
@@ -211,6 +215,7 @@ def frame_of(
         known=filling(1, 0, spreads, reaches),
         invented=filling(stride, halvings, coarse, invented),
         edges=edges,
+        antialiased=seen.antialiased,
         ramps=seen.ramps,
         soft_edges=seen.soft_edges,
         terraces=seen.terraces,

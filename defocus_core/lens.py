@@ -126,6 +126,7 @@ class DefocusLens(ThinLens):
             aperture=Aperture(psf_type=psf_type),
             num_layers=num_layers,
             psf_ks=psf_ks,
+            infinity=self.radius_at_infinity(),
         ).render
 
     def render_rgbd_dp(
@@ -158,6 +159,7 @@ class DefocusLens(ThinLens):
             left_right=True,
             num_layers=num_layers,
             psf_ks=psf_ks,
+            infinity=self.radius_at_infinity(),
         )
         assert rendering.left is not None
         assert rendering.right is not None

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.extremes import extreme_around
+from defocus_core.neighbours import extreme_around
 
 # Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
 _EDGE = 1.5

@@ -81,6 +81,7 @@ def plan(
     quality: str = "standard",
     left_right: bool = False,
     tile: int | None = None,
+    infinity: float | None = None,
 ) -> Plan:
     """Count what `render` would do.
 
@@ -92,6 +93,7 @@ def plan(
         quality: As for `render`.
         left_right: As for `render`.
         tile: As for `render`.
+        infinity: As for `render`.
 
     Raises:
         ValueError: If the quality is unknown or the frame is not [H, W].
@@ -112,6 +114,7 @@ def plan(
         hidden=None,
         threads=1,
         tile=tile,
+        infinity=infinity,
     )
     scene = Presence(frame, signed_radius)
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]

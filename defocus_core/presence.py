@@ -10,10 +10,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.extremes import extreme_around
+from defocus_core.antialiased import without_averages
 from defocus_core.frame import Frame
 from defocus_core.halving import axes, halves
 from defocus_core.hidden import hidden_layer
+from defocus_core.neighbours import extreme_around
 from defocus_core.patches import Patch, patches
 from defocus_core.ramps import without_ramps
 from defocus_core.resampling import cells_read
@@ -156,7 +157,10 @@ class Presence:
         step = _step(H * W)
         rows, self.edges = [], 0
         for strip, inner in _strips(signed_radius) if frame.edges else ():
-            steps = without_ramps(strip)
+            if frame.antialiased is None:
+                steps = without_ramps(strip)
+            else:
+                steps = without_averages(strip, frame.antialiased)
             least, most = (
                 extreme_around(steps[inner], 1, end) for end in (torch.minimum, torch.maximum)
             )

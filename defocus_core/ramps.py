@@ -11,6 +11,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core.neighbours import squares_around
+
 # Slope in px per px, on both sides of a pixel, of a ramp.
 STEEP = 1.5
 # Px over which the ends of a ramp are looked for.
@@ -28,11 +30,7 @@ def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
     if not len(at):
         return signed_radius
     H, W = signed_radius.shape
-    offset = torch.arange(-1, 2, device=at.device)
-    y = (at[:, :1] + offset).clamp(0, H - 1)[:, :, None]
-    x = (at[:, 1:] + offset).clamp(0, W - 1)[:, None, :]
-    around = (y * W + x).flatten(1)  # [n, 9]
-    index = at[:, 0] * W + at[:, 1]
+    around, index = squares_around(at, (H, W)), at[:, 0] * W + at[:, 1]
     radii = signed_radius.flatten()
     near, far = radii, radii
     for _ in range(_WIDEST):

@@ -52,6 +52,7 @@ def render(
     hidden: HiddenLayer | None = None,
     threads: int = 1,
     tile: int | None = None,
+    infinity: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rendering:
     """Defocus images whose pixels have known CoC radii.
@@ -80,6 +81,9 @@ def render(
         threads: Tiles computed at once. With more than one, torch itself should use one thread
             (torch.set_num_threads(1)).
         tile: Px on a side of a tile, 16 at least; another changes results in the last digits.
+        infinity: Signed radius in px of what is infinitely far: by it averages of distance are
+            told from averages of disparity where depth is anti-aliased. None takes all for the
+            latter.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -110,6 +114,7 @@ def render(
             hidden=known,
             threads=threads,
             tile=tile,
+            infinity=infinity,
         )
         parts = finished(frame, pixels, radius, hidden=known, threads=threads, progress=progress)
         images, trust, counts = assembled(frame, pixels, parts)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.extremes import extreme_around
+from defocus_core.neighbours import extreme_around, steps_beside
 from defocus_core.ramps import AROUND as AROUND_RAMPS
 from defocus_core.ramps import STEEP, steepness, without_ramps
 
@@ -52,12 +52,9 @@ def hard_steps(signed_radius: Tensor, steep: float) -> Tensor:
     """How many steps of radii [H, W] px from one pixel to the next are hard edges."""
     found = torch.zeros((), dtype=torch.long, device=signed_radius.device)
     for dim in (-1, -2):
-        step = signed_radius.detach().diff(dim=dim).abs()
-        n = step.shape[dim] - 2
-        if n > 0:
-            before, here, after = (step.narrow(dim, i, n) for i in range(3))
-            level = torch.maximum(before, after) < _LEVEL * here
-            found += ((here > _STEP * steep) & level).sum()
+        before, here, after = steps_beside(signed_radius, dim)
+        level = torch.maximum(before, after) < _LEVEL * here
+        found += ((here > _STEP * steep) & level).sum()
     return found
 
 

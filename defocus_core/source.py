@@ -41,6 +41,15 @@ def bands(height: int, width: int) -> list[tuple[int, int]]:
     return list(pairwise([*range(0, height, rows), height]))
 
 
+def spread(length: int, every: int, first: int = 0, end: int | None = None) -> list[int]:
+    """Some numbers from 0 to `length`, as many of each end: every so many, and the mirrored ones.
+
+    Of these the ones between two numbers, counted from the first.
+    """
+    end = length if end is None else end
+    return [i - first for i in range(first, end) if not (i % every and (length - 1 - i) % every)]
+
+
 def banded(picture: Pixels) -> Iterator[Tensor]:
     """A picture [..., H, W] band by band, without its gradient."""
     height, width = picture.shape[-2:]

@@ -57,6 +57,7 @@ class Stream:
         hidden: Behind | None = None,
         threads: int = 1,
         tile: int | None = None,
+        infinity: float | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Look at the picture as a whole.
@@ -70,6 +71,7 @@ class Stream:
             hidden: What is known behind the visible surface.
             threads: As for `render`.
             tile: As for `render`.
+            infinity: As for `render`.
             progress: As for `render`.
 
         Raises:
@@ -96,6 +98,7 @@ class Stream:
                 hidden=hidden,
                 threads=threads,
                 tile=tile,
+                infinity=infinity,
             )
 
     def regions(self, at_once: int | None = None) -> Iterator[Rendered]:

@@ -8,18 +8,20 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.antialiased import EVERY, averaged_from, averages
 from defocus_core.ramps import STEEP, steepness
 from defocus_core.ranks import Ranks, counted
 from defocus_core.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
-from defocus_core.source import Pixels, banded, bands
+from defocus_core.source import Pixels, banded, bands, spread
 from defocus_core.terraces import Levels, are_few, levels_of
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
 # Share of a frame that edges may be: what is steep nearly everywhere is a surface.
 _EDGES = 0.25
-# Every how many rows and columns a pixel is looked at where some will do.
-_SOME = 3
+# Every how many rows and columns a pixel is looked at where some will do, and every how many rows
+# from either end of the frame.
+_SOME, _SOME_ROWS = 3, 6
 
 
 class _Band(NamedTuple):
@@ -29,11 +31,13 @@ class _Band(NamedTuple):
         ends: [6] least and greatest radius, greatest steps, least and greatest value.
         ramps: [2] slope in px per px of the steepest one, and of the steepest soft edge.
         levels: Of depth.
+        averages: [2, 3], see there.
     """
 
     ends: Tensor
     ramps: Tensor
     levels: Levels
+    averages: Tensor
 
 
 class Survey(NamedTuple):
@@ -43,6 +47,8 @@ class Survey(NamedTuple):
         least: Signed radius in px.
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
+        antialiased: Where pixels of edges are averages of distance, the signed radius in px of
+            what is infinitely far, where of disparity, infinity; None where they are not.
         ramps: Whether ramps of depth are to be made steps.
         soft_edges: Slope in px per px of edges that are soft, to be put where colours have theirs;
             None where most are hard.
@@ -57,6 +63,7 @@ class Survey(NamedTuple):
     least: float
     most: float
     steepest: tuple[float, float]
+    antialiased: float | None
     ramps: bool
     soft_edges: float | None
     terraces: bool
@@ -67,7 +74,13 @@ class Survey(NamedTuple):
     black: int
 
 
-def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
+def survey(
+    pixels: Pixels,
+    signed_radius: Pixels,
+    dtype: torch.dtype,
+    threads: int,
+    infinity: float | None = None,
+) -> Survey:
     """Look at each pixel once.
 
     Args:
@@ -75,6 +88,7 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         signed_radius: [H, W] px.
         dtype: To compute in.
         threads: Bands of rows looked at at once.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
 
     Raises:
         ValueError: If a value is not finite.
@@ -95,15 +109,16 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         brightness = some.amax(0)
         few = _few(brightness, rows[0])
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
-        ramps = ends.new_zeros(2)
+        ramps, averaged = ends.new_zeros(2), ends.new_zeros((2, 3), dtype=torch.float64)
         if float(torch.maximum(*steps)) > LEAST:
             slope = steepness(around)
             soft = softness(slope)[above : above + len(r)]
             ramps = torch.stack([slope.amax(), soft.amax()])
-        some_rows = slice(-rows[0] % _SOME, rows[1] - rows[0], _SOME)
-        levels = levels_of(r[some_rows], below[1:][some_rows])
+            averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
+        some_rows = spread(H, _SOME_ROWS, *rows)
+        levels = levels_of(r[some_rows], below[1:][[i for i in some_rows if i + 1 < len(below)]])
         counts = [counted(brightness), counted(few), (few <= 0).sum()]
-        return _Band(ends, ramps, levels), counts
+        return _Band(ends, ramps, levels, averaged), counts
 
     told: list[_Band] = []
     total: list[Tensor] = []
@@ -120,7 +135,10 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
 
     steepest, softest = torch.stack([band.ramps for band in told]).amax(0).tolist()
     soft_edges = slope_of_soft_edges(float(ends[0]), float(ends[1]))
-    mostly_soft = softest > soft_edges and _mostly_soft(signed_radius, soft_edges)
+    soft = _mostly_soft(signed_radius, soft_edges) if softest > soft_edges else 0
+    antialiased = averaged_from(
+        torch.stack([band.averages for band in told]).sum(0), infinity, soft
+    )
 
     def brightness_again() -> Iterator[Tensor]:
         return (band.to(dtype).amax(0) for band in banded(pixels))
@@ -132,8 +150,9 @@ def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: i
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
+        antialiased=antialiased,
         ramps=steepest > STEEP,
-        soft_edges=soft_edges if mostly_soft else None,
+        soft_edges=soft_edges if soft and antialiased is None else None,
         terraces=are_few([band.levels for band in told]),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
@@ -148,10 +167,10 @@ def _few(brightness: Tensor, first: int) -> Tensor:
     return brightness[-first % _SOME :: _SOME, ::_SOME]
 
 
-def _mostly_soft(signed_radius: Pixels, steep: float) -> bool:
-    """Whether more pixels of a frame lie on soft edges of some slope than beside hard ones.
+def _mostly_soft(signed_radius: Pixels, steep: float) -> int:
+    """How many pixels of a frame lie on soft edges of some slope; 0 if more are beside hard ones.
 
-    And not on a surface that is as steep: in a frame of few px each surface is.
+    Or if they lie on a surface that is as steep: in a frame of few px each surface is.
     """
     soft = hard = 0
     for first, last in bands(*signed_radius.shape):
@@ -160,4 +179,4 @@ def _mostly_soft(signed_radius: Pixels, steep: float) -> bool:
         soft += int((softness(steepness(around))[above : above + last - first] > steep).sum())
         hard += int(hard_steps(around, steep))
     height, width = signed_radius.shape
-    return hard < soft < _EDGES * height * width
+    return soft if hard < soft < _EDGES * height * width else 0

@@ -13,14 +13,15 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.extremes import extreme_around
+from defocus_core.neighbours import extreme_around, steps_beside
+from defocus_core.source import spread
 
 # Of depth in levels: the share of neighbours that are alike, of the others the shares between which
 # there is no edge, and a step that matters; and the numbers of different radii.
 _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
 # Every how many columns are looked at for that: sorting takes long.
-_EVERY = 8
+_EVERY = 16
 # Steps in px between two terraces; and what is flat beside them, as a share of the step.
 _LEAST, _MOST, _FLAT = 0.2, 1.0, 0.1
 # Px over which a step is spread to each side.
@@ -56,7 +57,7 @@ def levels_of(rows: Tensor, below: Tensor) -> Levels:
         if size.numel() and same <= _ALIKE * size.numel():
             return Levels([], None)
         steps.append([size.numel(), same, *(int((size <= most).sum()) for most in (_LEAST, _MOST))])
-    radii: Tensor = torch.unique(rows[:, ::_EVERY])
+    radii: Tensor = torch.unique(rows[:, spread(rows.shape[1], _EVERY)])
     return Levels(steps, radii[: _MANY + 1])
 
 
@@ -109,12 +110,9 @@ def _smoothed(radii: Tensor, at: Tensor, dim: int) -> Tensor:
 def _at_a_step(r: Tensor, dim: int) -> Tensor:
     """The pixels [H, W] on both sides of small steps between terraces along an axis."""
     found = torch.zeros_like(r, dtype=torch.bool)
-    if r.shape[dim] < 4:
-        return found
-    step = r.diff(dim=dim).abs()
-    n = step.shape[dim] - 2
-    before, here, after = (step.narrow(dim, i, n) for i in range(3))
+    before, here, after = steps_beside(r, dim)
     small = (here > _LEAST) & (here <= _MOST) & (torch.maximum(before, after) < _FLAT * here)
-    for first in (1, 2):
-        found.narrow(dim, first, n).logical_or_(small)
+    if n := small.shape[dim]:
+        for first in (1, 2):
+            found.narrow(dim, first, n).logical_or_(small)
     return found

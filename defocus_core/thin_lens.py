@@ -144,6 +144,12 @@ class ThinLens:
             raise _bad_depth(depth, depth > 0, "positive")
         return self.signed_coc(depth) / (2 * self.pixel_size)
 
+    def radius_at_infinity(self) -> float:
+        """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
+        s = self._distance(self.foc_dist)
+        radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
+        return float(radius.detach())
+
     def coc(self, depth: Scalar) -> Tensor:
         """Diameter of the circle of confusion in mm, unsigned; as `signed_coc` otherwise."""
         return self.signed_coc(depth).abs()

@@ -29,6 +29,7 @@ LAYERS = [
     {"backdrop", "shifts", "survey"},
     {"continuation", "soft_edges", "transport", "view"},
     {
+        "antialiased",
         "compositing",
         "convolution",
         "mended",
@@ -42,7 +43,7 @@ LAYERS = [
     | {"thin_lens"},
     {
         "aperture",
-        "extremes",
+        "neighbours",
         "halving",
         "metrics",
         "patches",

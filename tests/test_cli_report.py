@@ -132,6 +132,21 @@ def test_soft_edges_of_depth_are_said_to_be_moved(tmp_path: Path) -> None:
         assert (note in ran.json["pictures"][0]["depth_note"]) is said
 
 
+def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path: Path) -> None:
+    y, x = (np.arange(8 * n) / 8 for n in (96, 144))
+    fine = np.where(x + 0.37 * y[:, None] < 80.2, 1.0, 3.0)
+    averaged = fine.reshape(96, 8, 144, 8).mean((1, 3))
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "3m")
+    for name, metres, said in (("averaged", averaged, True), ("hard", fine[4::8, 4::8], False)):
+        depth = depth_exr(tmp_path / f"{name}.exr", metres.astype(np.float32))
+        ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v", "--json")
+        assert ran.code == 0
+        note = "anti-aliased, its edges made hard"
+        assert (note in ran.err) is said
+        assert (note in ran.json["pictures"][0]["depth_note"]) is said
+
+
 def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "c.exr", np.full((HEIGHT, WIDTH, 3), 1e6, np.float32))
     ran = render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--json")

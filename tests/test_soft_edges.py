@@ -8,8 +8,8 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core import render
-from defocus_core.extremes import extreme_around
 from defocus_core.mended import Mended
+from defocus_core.neighbours import extreme_around
 from defocus_core.ramps import steepness, without_ramps
 from defocus_core.soft_edges import (
     AROUND,

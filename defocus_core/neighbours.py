@@ -1,9 +1,10 @@
-"""The least or the greatest of what lies around each pixel."""
+"""What lies around each pixel: the least or the greatest, the steps, the pixels themselves."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+import torch
 from torch import Tensor
 
 
@@ -31,6 +32,28 @@ def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
             values = _joined(values, step, dim, choice)
             reached += step
     return values
+
+
+def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Along an axis each step between two pixels, the one before it and the one after it, |...|.
+
+    Of n pixels there are n - 3, and none if there are fewer.
+    """
+    step = values.detach().diff(dim=dim).abs()
+    n = max(step.shape[dim] - 2, 0)
+    before, here, after = (step.narrow(dim, i if n else 0, n) for i in range(3))
+    return before, here, after
+
+
+def squares_around(at: Tensor, size: tuple[int, int]) -> Tensor:
+    """The numbers [n, 9] of the pixels next to some at [n, 2], and their own, row by row.
+
+    Of a frame of (height, width); at its borders pixels stand for what is beyond.
+    """
+    offset = torch.arange(-1, 2, device=at.device)
+    y = (at[:, :1] + offset).clamp(0, size[0] - 1)[:, :, None]
+    x = (at[:, 1:] + offset).clamp(0, size[1] - 1)[:, None, :]
+    return (y * size[1] + x).flatten(1)
 
 
 def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:

@@ -1,0 +1,175 @@
+"""Anti-aliased depth made hard again: pixels on edges hold averages of both surfaces.
+
+Who filters depth like colours, or resizes it, writes depths at which no surface is. Pixels would be
+drawn with radii between those of both surfaces; and as most averages of distance have nearly the
+radius of the farther one, near surfaces would lose a pixel all around. Each average is given to
+the surface it is closer to, again and again (Kramer and Bruckner 1975). That is compared as what
+was averaged, distance or disparity: as there are as many averages on either side of an edge, they
+lie in the middle of it in the mean.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from defocus_core.neighbours import extreme_around, squares_around, steps_beside
+
+# Range of radius in px, within 3 px of each other, that matters.
+_MATTERS = 1.0
+# Px around an edge in which both surfaces are seen, and rounds in which averages become theirs.
+_BESIDE, _ROUNDS = 3, 2
+# The share of a range over 7 px that lies within 3 of them on an edge, and not on a slope: there it
+# is 3 / 7. On wide edges that of a range over 5 px, where a slope ends near by: how far off the
+# middle of 3 px the one in between is, as a share of their range.
+_ABRUPT, _WIDE, _BENT = 0.36, 0.25, 0.3
+# To tell such depth: the first share above, between which places on an edge a pixel is an average,
+# and how level the pixels beside a hard step are.
+_SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
+# Every how many rows and columns from either end are looked at for that; how many averages there
+# are at least, and for each hard step.
+EVERY, _LEAST, _EACH = 16, 8, 2
+# Px of radius from that of infinity within which all is as far.
+_INFINITE = 2.0**-12
+# Px around a pixel that decide what it becomes.
+AROUND = _BESIDE + 1 + _ROUNDS
+
+
+def averages(
+    signed_radius: Tensor, rows: list[int], columns: list[int], infinity: float | None
+) -> Tensor:
+    """What some rows and columns of radii [H, W] px tell: [2, 3], of disparity and of distance.
+
+    How many pixels of edges are averages, the sum of their places on the edges from 0 to 1, and how
+    many hard steps there are.
+
+    Args:
+        signed_radius: [H, W] px.
+        rows: The numbers of those that are looked at, one in EVERY / 2.
+        columns: The same.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+    """
+    r = signed_radius.detach()
+    return _along(r[rows], infinity) + _along(r[:, columns].mT.contiguous(), infinity)
+
+
+def averaged_from(found: Tensor, infinity: float | None, soft: int) -> float | None:
+    """Of what the depth of a frame holds averages.
+
+    Args:
+        found: [2, 3], the sum of its `averages`.
+        infinity: As for them.
+        soft: How many pixels of it lie on edges that are several px wide.
+
+    Returns:
+        `infinity` if of distance, math.inf if of disparity, None if edges are mostly hard or soft.
+    """
+    (disparity, place, hard), (distance, other, _) = found.tolist()
+    most = max(disparity, distance)
+    if most <= max(_EACH * hard, _LEAST) or most * EVERY / 4 <= soft:
+        return None
+    if infinity is None or not distance:
+        return math.inf
+    if not disparity or abs(other / distance - 0.5) < abs(place / disparity - 0.5):
+        return infinity
+    return math.inf
+
+
+def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
+    """Radii [H, W] px of which those of averages are those of surfaces beside them.
+
+    Args:
+        signed_radius: [H, W] px.
+        infinity: From `averaged_from`.
+    """
+    radii = signed_radius.detach()
+    values = _as_averaged(radii, infinity)
+    at = torch.nonzero(_edges(radii, values))
+    if not len(at):
+        return signed_radius
+    H, W = values.shape
+    around, index = squares_around(at, (H, W)), at[:, 0] * W + at[:, 1]
+    flat, source = values.flatten(), torch.arange(H * W, device=at.device)
+    for _ in range(_ROUNDS):
+        own, beside = flat[index], flat[around]
+        (near, first), (far, last) = beside.min(1), beside.max(1)
+        chosen = torch.where(own - near <= far - own, first, last)
+        place = around.gather(1, chosen[:, None])[:, 0]
+        flat = flat.index_copy(0, index, flat[place])
+        source = source.index_copy(0, index, source[place])
+    radii = signed_radius.flatten()
+    return radii.index_copy(0, index, radii[source[index]]).reshape(H, W)
+
+
+def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
+    """What is proportional to disparity, or to distance if that of infinity is finite."""
+    if math.isinf(infinity):
+        return radii
+    return (infinity - radii).clamp(min=_INFINITE).reciprocal()
+
+
+def _range(values: Tensor, by: int) -> Tensor:
+    """Between the least and the greatest of so many px to each side."""
+    least, most = (extreme_around(values, by, end) for end in (torch.minimum, torch.maximum))
+    return most - least
+
+
+def _edges(radii: Tensor, values: Tensor) -> Tensor:
+    """The pixels [H, W] of edges and next to them."""
+    if min(radii.shape) <= _BESIDE:
+        return torch.zeros_like(radii, dtype=torch.bool)
+    radii, values = _going_on(radii), _going_on(values)
+    least, most = (extreme_around(values, 1, end) for end in (torch.minimum, torch.maximum))
+    within = most - least
+    bent = (values - (least + most) / 2).abs() > _BENT * within
+    bent = extreme_around(bent, 1, torch.maximum) & (within > _WIDE * _range(values, 2))
+    abrupt = within > _ABRUPT * _range(values, _BESIDE)
+    found = (_range(radii, _BESIDE) > _MATTERS) & (abrupt | bent)
+    return found[_BESIDE:-_BESIDE, _BESIDE:-_BESIDE]
+
+
+def _going_on(values: Tensor) -> Tensor:
+    """Values [H, W] with those that would follow beyond the borders: slopes go on as slopes."""
+    for dim in (0, 1):
+        n = values.shape[dim]
+        first, last = values.narrow(dim, 0, 1), values.narrow(dim, n - 1, 1)
+        before = 2 * first - values.narrow(dim, 1, _BESIDE).flip(dim)
+        after = 2 * last - values.narrow(dim, n - 1 - _BESIDE, _BESIDE).flip(dim)
+        values = torch.cat([before, values, after], dim)
+    return values
+
+
+def _monotonic(values: Tensor, level: Tensor) -> Tensor:
+    """Where 5 values around one go up or go down only, and level off at one of their ends."""
+    step = values.diff(dim=-1)
+    n = values.shape[-1] - 6
+    if n <= 0:
+        return torch.zeros_like(values, dtype=torch.bool)
+    first, *between, last = (step.narrow(-1, i, n) for i in range(6))
+    level, up = level.narrow(-1, 3, n), torch.stack(between)
+    ends = torch.minimum(first.abs(), last.abs()) < level
+    found = ((up >= -level).all(0) | (up <= level).all(0)) & ends
+    return torch.nn.functional.pad(found, (3, 3))
+
+
+def _along(rows: Tensor, infinity: float | None) -> Tensor:
+    """What rows [n, L] tell by themselves."""
+    radii = rows[:, None]  # squares of one row
+    before, here, after = steps_beside(rows, 1)
+    hard = ((here > _MATTERS) & (torch.maximum(before, after) < _LEVEL * here)).sum()
+    matters = _range(radii, _BESIDE) > _MATTERS
+    found = rows.new_zeros((2, 3), dtype=torch.float64)
+    for told, limit in zip(found, (math.inf, infinity), strict=True):
+        if limit is None:
+            continue
+        values = _as_averaged(radii, limit)
+        abrupt = _range(values, 1) > _SURELY * _range(values, _BESIDE)
+        least, most = (extreme_around(values, 2, end) for end in (torch.minimum, torch.maximum))
+        size = most - least
+        place = (values - least) / torch.where(size > 0, size, 1.0)
+        some = matters & abrupt & (place > _AVERAGE) & (place < 1 - _AVERAGE)
+        some &= _monotonic(values, _LEVEL * size)
+        told.copy_(torch.stack([some.sum(), (place * some).sum(dtype=torch.float64), hard]))
+    return found
