@@ -141,35 +141,35 @@ def _going_on(values: Tensor) -> Tensor:
     return values
 
 
-def _monotonic(values: Tensor, level: Tensor) -> Tensor:
-    """Where 5 values around one go up or go down only, and level off at one of their ends."""
-    step = values.diff(dim=-1)
-    n = values.shape[-1] - 6
-    if n <= 0:
-        return torch.zeros_like(values, dtype=torch.bool)
-    first, *between, last = (step.narrow(-1, i, n) for i in range(6))
-    level, up = level.narrow(-1, 3, n), torch.stack(between)
-    ends = torch.minimum(first.abs(), last.abs()) < level
-    found = ((up >= -level).all(0) | (up <= level).all(0)) & ends
-    return torch.nn.functional.pad(found, (3, 3))
-
-
 def _along(rows: Tensor, infinity: float | None) -> Tensor:
     """What rows [n, L] tell by themselves."""
-    radii = rows[:, None]  # squares of one row
+    found = rows.new_zeros((2, 3), dtype=torch.float64)
+    if rows.shape[1] <= 2 * _BESIDE:
+        return found
     before, here, after = steps_beside(rows, 1)
     hard = ((here > _MATTERS) & (torch.maximum(before, after) < _LEVEL * here)).sum()
-    matters = _range(radii, _BESIDE) > _MATTERS
-    found = rows.new_zeros((2, 3), dtype=torch.float64)
+    apart = (rows[:, 2 * _BESIDE :] - rows[:, : -2 * _BESIDE]).abs() > _MATTERS
+    radii = rows.unfold(1, 2 * _BESIDE + 1, 1)[apart]
     for told, limit in zip(found, (math.inf, infinity), strict=True):
-        if limit is None:
-            continue
-        values = _as_averaged(radii, limit)
-        abrupt = _range(values, 1) > _SURELY * _range(values, _BESIDE)
-        least, most = (extreme_around(values, 2, end) for end in (torch.minimum, torch.maximum))
-        size = most - least
-        place = (values - least) / torch.where(size > 0, size, 1.0)
-        some = matters & abrupt & (place > _AVERAGE) & (place < 1 - _AVERAGE)
-        some &= _monotonic(values, _LEVEL * size)
-        told.copy_(torch.stack([some.sum(), (place * some).sum(dtype=torch.float64), hard]))
+        if limit is not None:
+            place, some = _averages(_as_averaged(radii, limit))
+            told.copy_(torch.stack([some.sum(), (place * some).sum(), hard]))
     return found
+
+
+def _averages(values: Tensor) -> tuple[Tensor, Tensor]:
+    """Where on an edge, from 0 to 1, the middle ones of 7 values [m, 7] are; which are averages.
+
+    The values around such a one go up or go down only, and level off at an end.
+    """
+    close, near, all_seven = (
+        torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)
+    )
+    size = near.max - near.min
+    place = (values[:, _BESIDE] - near.min) / torch.where(size > 0, size, 1.0)
+    some = (place > _AVERAGE) & (place < 1 - _AVERAGE)
+    some &= close.max - close.min > _SURELY * (all_seven.max - all_seven.min)
+    step, level = values.diff(dim=1), _LEVEL * size
+    least, most = torch.aminmax(step[:, 1:-1], dim=1)
+    some &= (least >= -level) | (most <= level)
+    return place, some & (torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level)

@@ -47,7 +47,8 @@ def spread(length: int, every: int, first: int = 0, end: int | None = None) -> l
     Of these the ones between two numbers, counted from the first.
     """
     end = length if end is None else end
-    return [i - first for i in range(first, end) if not (i % every and (length - 1 - i) % every)]
+    found = {start % every for start in (-first, length - 1 - first)}
+    return sorted(i for start in found for i in range(start, end - first, every))
 
 
 def banded(picture: Pixels) -> Iterator[Tensor]:
