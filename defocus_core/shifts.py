@@ -2,9 +2,9 @@
 
 A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
 of this: kernels sampled by area know no shift within a pixel, and shares in two slices keep the
-second moment of a blur, not its first. What is missing is made up for to first order, by the
-gradient of the surface's own colours (Taylor). It changes no coverage, and only the pair: the
-centroids of the parts add up to nothing.
+second moment of a blur, not its first. What is missing is made up for by the gradient of the
+surface's own colours (Taylor); so is the third moment, by which a half has a tail on one side. It
+changes no coverage, and only the pair: the centroids of the parts add up to nothing.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from defocus_core.tiling import Box
 
 # Radii in px of slices whose shifts are made up for; beyond, what is missing is less than 0.03 px.
 NEAR = 2.0
+# Radii in px up to which the third moment counts, and from which it does not: colours that are
+# blurred by more have another third derivative than their own.
+_TAILED, _BLURRED = 1.0, 1.5
 # Radius in px of the kernel of which a centroid is taken.
 _SAMPLED = 48.0
 # Px around a pixel that decide the gradient of its colours.
@@ -34,23 +37,35 @@ _SAME = 0.5
 @lru_cache(maxsize=256)
 def centroid(aperture: Aperture, part: Part) -> tuple[float, float]:
     """The mean lens point (u.x, u.y) of a part of the pupil, to about 1e-4."""
-    x, y = _shift(_SAMPLED, aperture, part)
+    x, y, _ = _moments(_SAMPLED, aperture, part)
     return x / _SAMPLED, y / _SAMPLED
 
 
+@lru_cache(maxsize=256)
+def _tail(aperture: Aperture) -> float:
+    """The mean u.x³ of the left half of the pupil, as a share of its mean u.x."""
+    x, _, cube = _moments(_SAMPLED, aperture, LEFT)
+    return cube / (x * _SAMPLED**2)
+
+
 @lru_cache(maxsize=64)
-def _apparent_radii(radii: tuple[float, ...], aperture: Aperture) -> tuple[float, ...]:
-    """The radii in px that slices seem to have by the shift of their halves."""
-    whole = centroid(aperture, LEFT)[0]
-    return tuple(r if abs(r) >= NEAR else _shift(r, aperture, LEFT)[0] / whole for r in radii)
+def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[tuple[float, float], ...]:
+    """By the left halves of slices: their radii in px, and their tails times the cube of these."""
+    whole, tail = centroid(aperture, LEFT)[0], _tail(aperture)
+    found = []
+    for r in radii:
+        x, _, cube = _moments(r, aperture, LEFT) if abs(r) < NEAR else (0.0, 0.0, 0.0)
+        found.append((x / whole, cube / whole) if abs(r) < NEAR else (r, tail * r**3))
+    return tuple(found)
 
 
-def _shift(r: float, aperture: Aperture, part: Part) -> tuple[float, float]:
-    """Px to the right and downwards by which the kernel of a part shifts what it blurs."""
+def _moments(r: float, aperture: Aperture, part: Part) -> tuple[float, float, float]:
+    """Of the kernel of a part: mean px to the right and downwards, and of the cube of the first."""
     extent = math.ceil(abs(r))
     shares = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, part)
     offset = torch.arange(-extent, extent + 1, dtype=shares.dtype)
-    return float(shares.sum(0) @ offset), float(shares.sum(1) @ offset)
+    across, down = shares.sum(0), shares.sum(1)
+    return float(across @ offset), float(down @ offset), float(across @ offset**3)
 
 
 class Shifts:
@@ -79,7 +94,8 @@ class Shifts:
         """
         self._color, self._radius, self._places = color, signed_radius, places
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
-        self._apparent = places.new_tensor(_apparent_radii(radii, aperture))
+        self._apparent = places.new_tensor(_apparent(radii, aperture))
+        self._tail = _tail(aperture)
         # up to there pixels have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [centroid(aperture, part) for part in parts]
@@ -105,24 +121,46 @@ class Shifts:
             self._apparent.index_select(0, (number + i).clamp(max=len(self._apparent) - 1))
             for i in (0, 1)
         )
+        found, cube = torch.lerp(here, other, share.flatten()[:, None]).mT.reshape(2, *r.shape)
         # as positions do, it begins between SHARP and SOFT
-        wanted = r * ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
-        missing = torch.lerp(here.view_as(r), other.view_as(r), share) - wanted
+        begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]
         slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
-        return torch.einsum("md,dchw->mchw", self._centroids, slopes * missing)
+        changes = slopes * (found - begun * r)
+        tail = (cube - begun * self._tail * r**3) / 6
+        tail = tail * ((_BLURRED - size) / (_BLURRED - _TAILED)).clamp(0, 1)
+        changes[0] += inner.of(_third(color, radius)) * tail
+        return torch.einsum("md,dchw->mchw", self._centroids, changes)
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
     """The derivative [C, H, W] within each surface: of fourth order, of first at its ends."""
-    n = signed_radius.shape[dim]
-    if n == 1:
-        return torch.zeros_like(color)
-    same = signed_radius.detach().diff(dim=dim).abs() < _SAME
-    step = color.diff(dim=dim) * same
-    none, nowhere = (torch.zeros_like(x.narrow(dim, 0, 1)) for x in (step, same))
-    steps = torch.cat([none, none, step, none, none], dim)
-    some = torch.cat([nowhere, nowhere, same, nowhere, nowhere], dim)
-    (a, b, c, d), (p, q, r, t) = ([x.narrow(dim, i, n) for i in range(4)] for x in (steps, some))
+    steps, same = _steps(color, signed_radius, dim)
+    (a, b, c, d), (p, q, r, t) = steps, same
     plain = (b + c) / (q.to(color) + r).clamp(min=1)
     return torch.where(p & q & r & t, (7 * (b + c) - a - d) / 12, plain)
+
+
+def _third(color: Tensor, signed_radius: Tensor) -> Tensor:
+    """The third derivative [C, H, W] along rows within each surface, none at its ends."""
+    (a, b, c, d), (p, q, r, t) = _steps(color, signed_radius, -1)
+    return torch.where(p & q & r & t, (a + d - b - c) / 2, 0.0)
+
+
+def _steps(
+    color: Tensor, signed_radius: Tensor, dim: int
+) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """Two steps of colour [C, H, W] before each pixel and two after, and which are of one surface.
+
+    Between two surfaces there is none.
+    """
+    n = signed_radius.shape[dim]
+    same = signed_radius.detach().diff(dim=dim).abs() < _SAME
+    step = color.diff(dim=dim) * same
+    none, nowhere = (torch.zeros_like(x.narrow(dim, 0, 1)) for x in (color, signed_radius))
+    nowhere = nowhere.bool()
+    steps = torch.cat([none, none, step, none, none], dim)
+    some = torch.cat([nowhere, nowhere, same, nowhere, nowhere], dim)
+    return tuple(steps.narrow(dim, i, n) for i in range(4)), tuple(
+        some.narrow(dim, i, n) for i in range(4)
+    )
