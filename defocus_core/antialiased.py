@@ -86,7 +86,7 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
     """
     radii = signed_radius.detach()
     values = _as_averaged(radii, infinity)
-    at = torch.nonzero(_edges(radii, values))
+    at = torch.nonzero(_edges(radii, infinity))
     if not len(at):
         return signed_radius
     H, W = values.shape
@@ -110,23 +110,26 @@ def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
     return (infinity - radii).clamp(min=_INFINITE).reciprocal()
 
 
-def _range(values: Tensor, by: int) -> Tensor:
-    """Between the least and the greatest of so many px to each side."""
-    least, most = (extreme_around(values, by, end) for end in (torch.minimum, torch.maximum))
-    return most - least
+def _as_radii(values: Tensor, infinity: float) -> Tensor:
+    """The radii in px of which something is `_as_averaged`."""
+    return values if math.isinf(infinity) else infinity - values.reciprocal()
 
 
-def _edges(radii: Tensor, values: Tensor) -> Tensor:
+def _edges(radii: Tensor, infinity: float) -> Tensor:
     """The pixels [H, W] of edges and next to them."""
     if min(radii.shape) <= _BESIDE:
         return torch.zeros_like(radii, dtype=torch.bool)
-    radii, values = _going_on(radii), _going_on(values)
-    least, most = (extreme_around(values, 1, end) for end in (torch.minimum, torch.maximum))
-    within = most - least
-    bent = (values - (least + most) / 2).abs() > _BENT * within
-    bent = extreme_around(bent, 1, torch.maximum) & (within > _WIDE * _range(values, 2))
-    abrupt = within > _ABRUPT * _range(values, _BESIDE)
-    found = (_range(radii, _BESIDE) > _MATTERS) & (abrupt | bent)
+    values = _as_averaged(_going_on(radii), infinity)
+    least, most, ranges = values, values, []
+    for _ in range(_BESIDE):  # of 3, 5 and 7 px on a side
+        least = extreme_around(least, 1, torch.minimum)
+        most = extreme_around(most, 1, torch.maximum)
+        ranges.append(most - least)
+        if len(ranges) == 1:
+            bent = (values - (least + most) / 2).abs_() > _BENT * ranges[0]
+    matters = _as_radii(most, infinity) - _as_radii(least, infinity) > _MATTERS
+    bent = extreme_around(bent, 1, torch.maximum) & (ranges[0] > _WIDE * ranges[1])
+    found = matters & (bent | (ranges[0] > _ABRUPT * ranges[2]))
     return found[_BESIDE:-_BESIDE, _BESIDE:-_BESIDE]
 
 
