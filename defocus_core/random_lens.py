@@ -138,7 +138,8 @@ class RandomDefocus(torch.nn.Module):
         planes = _planes(image, depth)
         numbers = _seeds(seeds, len(image))
         lenses = [self._draw(*pair) for pair in zip(planes, numbers, strict=True)]
-        radii = [self._radius(*pair) for pair in zip(planes, lenses, strict=True)]
+        thin_lenses = [self._thin(lens, planes.shape[1:]) for lens in lenses]
+        radii = [thin.signed_radius(plane) for thin, plane in zip(thin_lenses, planes, strict=True)]
         done = [
             render(
                 picture,
@@ -147,8 +148,9 @@ class RandomDefocus(torch.nn.Module):
                 quality=self.quality,
                 left_right=self.left_right,
                 threads=self.threads,
+                infinity=thin.radius_at_infinity(),
             )
-            for picture, radius, lens in zip(image, radii, lenses, strict=True)
+            for picture, radius, lens, thin in zip(image, radii, lenses, thin_lenses, strict=True)
         ]
         sides: tuple[Tensor | None, Tensor | None] = (None, None)
         if self.left_right:
@@ -171,12 +173,12 @@ class RandomDefocus(torch.nn.Module):
         if self.max_radius is None:
             return lens
         extremes = torch.stack([depth.detach().min(), depth.detach().max()]).double()[None]
-        greatest = float(self._radius(extremes, lens, depth.shape).abs().max())
+        greatest = float(self._thin(lens, depth.shape).signed_radius(extremes).abs().max())
         return lens._replace(fnum=fnum * max(1.0, greatest / self.max_radius))
 
-    def _radius(self, depth: Tensor, lens: _Lens, size: torch.Size | None = None) -> Tensor:
-        """Signed radii in px of depths of a picture of ``size`` [H, W], the depths' own if None."""
-        height, width = size or depth.shape
+    def _thin(self, lens: _Lens, size: torch.Size) -> DefocusLens:
+        """A lens before a sensor of so many (height, width) px."""
+        height, width = size
         thin = DefocusLens(
             lens.foclen,
             lens.fnum,
@@ -184,7 +186,7 @@ class RandomDefocus(torch.nn.Module):
             (width, height),
         )
         thin.refocus(lens.foc_dist)
-        return thin.signed_radius(depth)
+        return thin
 
 
 def _planes(image: Tensor, depth: Tensor) -> Tensor:

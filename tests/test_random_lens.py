@@ -61,6 +61,20 @@ def test_what_is_rendered_is_what_the_lens_drawn_takes() -> None:
     torch.testing.assert_close((seen.left + seen.right) / 2, seen.render)
 
 
+def test_anti_aliased_depth_is_one_of_distances_here_too() -> None:
+    size = (64, 96)
+    y, x = ((torch.arange(8 * n) + 0.5) / 8 for n in size)
+    fine = torch.where(x + 0.37 * y[:, None] < 60.2, 1000.0, 4000.0)
+    averaged = torch.nn.functional.avg_pool2d(fine[None], 8)[None]
+    picture = torch.rand(1, 3, *size, generator=torch.Generator().manual_seed(2))
+    seen = RandomDefocus(foclen=(85.0, 85.0), fnum=(1.4, 1.4), blades=(0,))(picture, averaged, [3])
+    lens = DefocusLens(85.0, 1.4, (36.0, 24.0), (96, 64))
+    lens.refocus(float(seen.foc_dist))
+    torch.testing.assert_close(seen.render, lens.render_rgbd(picture, averaged))
+    asked = render(picture, seen.signed_radius)  # which does not know of distances
+    assert float((asked.render - seen.render).abs().max()) > 0.01
+
+
 def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
     tiny = torch.ones(200, 1, 1, 100), torch.linspace(1000, 2000, 100).expand(200, 1, 1, 100)
     seen = draft(foclen=(20.0, 80.0), fnum=(1.0, 16.0), blades=(0, 6))(*tiny, range(200))
