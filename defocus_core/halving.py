@@ -153,9 +153,13 @@ def averaged(
 
     What lies outside counts as 0.
     """
-    down, across = middle
-    for _ in range(halvings):
-        y, x = halves(values.shape[-2], down), halves(values.shape[-1], across)
-        values = halved(extended(values, y, x, 0.0), (down.odd, across.odd)) / 4
-        down, across = y.axis, x.axis
-    return values, (down, across)
+    found = []
+    for dim, axis in zip((-2, -1), middle, strict=True):  # rows first: they lie together
+        for _ in range(halvings):
+            half = halves(values.shape[dim], axis)
+            if half.before or half.after:
+                missing = (half.before, half.after)
+                values = pad(values, missing if dim == -1 else (0, 0, *missing))
+            values, axis = _halved(values, dim, axis.odd), half.axis
+        found.append(axis)
+    return values * 0.25**halvings, (found[0], found[1])
