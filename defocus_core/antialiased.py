@@ -29,8 +29,8 @@ _ABRUPT, _WIDE, _BENT = 0.36, 0.25, 0.3
 # and how level the pixels beside a hard step are.
 _SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
 # Every how many rows and columns from either end are looked at for that; how many averages there
-# are at least, and for each hard step.
-EVERY, _LEAST, _EACH = 16, 8, 2
+# are at least, for each hard step, and for each pixel on a wide edge.
+EVERY, _LEAST, _EACH, _WIDER = 16, 8, 2, 0.25
 # Px of radius from that of infinity within which all is as far.
 _INFINITE = 2.0**-12
 # Px around a pixel that decide what it becomes.
@@ -40,10 +40,10 @@ AROUND = _BESIDE + 1 + _ROUNDS
 def averages(
     signed_radius: Tensor, rows: list[int], columns: list[int], infinity: float | None
 ) -> Tensor:
-    """What some rows and columns of radii [H, W] px tell: [2, 3], of disparity and of distance.
+    """What some rows and columns of radii [H, W] px tell: [2, 4], of disparity and of distance.
 
-    How many pixels of edges are averages, the sum of their places on the edges from 0 to 1, and how
-    many hard steps there are.
+    How many pixels of narrow edges are averages, the sum of their places on these from 0 to 1, how
+    many pixels are on wide edges, and how many hard steps there are.
 
     Args:
         signed_radius: [H, W] px.
@@ -59,16 +59,16 @@ def averaged_from(found: Tensor, infinity: float | None, soft: int) -> float | N
     """Of what the depth of a frame holds averages.
 
     Args:
-        found: [2, 3], the sum of its `averages`.
+        found: [2, 4], the sum of its `averages`.
         infinity: As for them.
         soft: How many pixels of it lie on edges that are several px wide.
 
     Returns:
         `infinity` if of distance, math.inf if of disparity, None if edges are mostly hard or soft.
     """
-    (disparity, place, hard), (distance, other, _) = found.tolist()
-    most = max(disparity, distance)
-    if most <= max(_EACH * hard, _LEAST) or most * EVERY / 4 <= soft:
+    (disparity, place, *_), (distance, other, *_) = found.tolist()
+    most, _, wide, hard = max(found.tolist())
+    if most <= max(_EACH * hard, _WIDER * wide, _LEAST) or most * EVERY / 4 <= soft:
         return None
     if infinity is None or not distance:
         return math.inf
@@ -146,7 +146,7 @@ def _going_on(values: Tensor) -> Tensor:
 
 def _along(rows: Tensor, infinity: float | None) -> Tensor:
     """What rows [n, L] tell by themselves."""
-    found = rows.new_zeros((2, 3), dtype=torch.float64)
+    found = rows.new_zeros((2, 4), dtype=torch.float64)
     if rows.shape[1] <= 2 * _BESIDE:
         return found
     before, here, after = steps_beside(rows, 1)
@@ -155,24 +155,26 @@ def _along(rows: Tensor, infinity: float | None) -> Tensor:
     radii = rows.unfold(1, 2 * _BESIDE + 1, 1)[apart]
     for told, limit in zip(found, (math.inf, infinity), strict=True):
         if limit is not None:
-            place, some = _averages(_as_averaged(radii, limit))
-            told.copy_(torch.stack([some.sum(), (place * some).sum(), hard]))
+            place, average, wide = _on_edges(_as_averaged(radii, limit))
+            told.copy_(torch.stack([average.sum(), (place * average).sum(), wide.sum(), hard]))
     return found
 
 
-def _averages(values: Tensor) -> tuple[Tensor, Tensor]:
-    """Where on an edge, from 0 to 1, the middle ones of 7 values [m, 7] are; which are averages.
+def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Of the middle ones of 7 values [m, 7]: where on an edge, from 0 to 1, they are.
 
-    The values around such a one go up or go down only, and level off at an end.
+    And which are on a narrow one, which on a wide one. The values around these go up or go down
+    only, and level off at an end.
     """
     close, near, all_seven = (
         torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)
     )
-    size = near.max - near.min
+    within, size, whole = (ends.max - ends.min for ends in (close, near, all_seven))
     place = (values[:, _BESIDE] - near.min) / torch.where(size > 0, size, 1.0)
-    some = (place > _AVERAGE) & (place < 1 - _AVERAGE)
-    some &= close.max - close.min > _SURELY * (all_seven.max - all_seven.min)
-    step, level = values.diff(dim=1), _LEVEL * size
+    step, level = values.diff(dim=1), _LEVEL * whole
     least, most = torch.aminmax(step[:, 1:-1], dim=1)
+    some = (place > _AVERAGE) & (place < 1 - _AVERAGE)
     some &= (least >= -level) | (most <= level)
-    return place, some & (torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level)
+    some &= torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level
+    abrupt = within > _SURELY * whole
+    return place, some & abrupt, some & ~abrupt

@@ -31,7 +31,7 @@ class _Band(NamedTuple):
         ends: [6] least and greatest radius, greatest steps, least and greatest value.
         ramps: [2] slope in px per px of the steepest one, and of the steepest soft edge.
         levels: Of depth.
-        averages: [2, 3], see there.
+        averages: [2, 4], see there.
     """
 
     ends: Tensor
@@ -109,7 +109,7 @@ def survey(
         brightness = some.amax(0)
         few = _few(brightness, rows[0])
         ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
-        ramps, averaged = ends.new_zeros(2), ends.new_zeros((2, 3), dtype=torch.float64)
+        ramps, averaged = ends.new_zeros(2), ends.new_zeros((2, 4), dtype=torch.float64)
         if float(torch.maximum(*steps)) > LEAST:
             slope = steepness(around)
             soft = softness(slope)[above : above + len(r)]

@@ -123,6 +123,16 @@ def test_what_holds_no_averages_is_not_told(kind: str) -> None:
         assert told(scale * RADII[kind](SIZE), scale * INFINITY) is None
 
 
+@pytest.mark.parametrize("kind", CASES)
+def test_edges_many_pixels_wide_are_not_anti_aliased(kind: str) -> None:
+    """Networks draw such, whatever the blur: with little of it they are no soft edges either."""
+    made, _ = CASES[kind]
+    for width in (9, 13):
+        given = made(width)
+        for share in (0.15, 0.3, 1.0):
+            assert told(share * given, share * INFINITY) is None
+
+
 def test_a_few_pixels_between_two_surfaces_are_things() -> None:
     """A frame of hard edges with a step here and there is as it is."""
     radius = sampled()
