@@ -21,6 +21,8 @@ from defocus_core.neighbours import extreme_around, squares_around, steps_beside
 _MATTERS = 1.0
 # Px around an edge in which both surfaces are seen, and rounds in which averages become theirs.
 _BESIDE, _ROUNDS = 3, 2
+# A step that goes on by as much of itself is a slope: its pixels are no averages.
+_SLOPE = 0.4
 # The share of a range over 7 px that lies within 3 of them on an edge, and not on a slope: there it
 # is 3 / 7. On wide edges that of a range over 5 px, where a slope ends near by: how far off the
 # middle of 3 px the one in between is, as a share of their range.
@@ -34,7 +36,7 @@ EVERY, _LEAST, _EACH, _WIDER = 16, 8, 2, 0.25
 # Px of radius from that of infinity within which all is as far.
 _INFINITE = 2.0**-12
 # Px around a pixel that decide what it becomes.
-AROUND = _BESIDE + 1 + _ROUNDS
+AROUND = _BESIDE + 1 + 2 * _ROUNDS
 
 
 def averages(
@@ -66,15 +68,15 @@ def averaged_from(found: Tensor, infinity: float | None, soft: int) -> float | N
     Returns:
         `infinity` if of distance, math.inf if of disparity, None if edges are mostly hard or soft.
     """
-    (disparity, place, *_), (distance, other, *_) = found.tolist()
-    most, _, wide, hard = max(found.tolist())
-    if most <= max(_EACH * hard, _WIDER * wide, _LEAST) or most * EVERY / 4 <= soft:
+    most, _, wide, _ = max(found.tolist())
+    if most <= max(_WIDER * wide, _LEAST, 4 * soft / EVERY):
         return None
-    if infinity is None or not distance:
-        return math.inf
-    if not disparity or abs(other / distance - 0.5) < abs(place / disparity - 0.5):
-        return infinity
-    return math.inf
+    mostly = [
+        (abs(place / count - 0.5), of)
+        for (count, place, _, hard), of in zip(found.tolist(), (math.inf, infinity), strict=True)
+        if count > _EACH * hard
+    ]
+    return min(mostly, key=lambda one: one[0])[1] if mostly else None
 
 
 def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
@@ -85,22 +87,27 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
         infinity: From `averaged_from`.
     """
     radii = signed_radius.detach()
-    values = _as_averaged(radii, infinity)
     at = torch.nonzero(_edges(radii, infinity))
     if not len(at):
         return signed_radius
-    H, W = values.shape
-    around, index = squares_around(at, (H, W)), at[:, 0] * W + at[:, 1]
-    flat, source = values.flatten(), torch.arange(H * W, device=at.device)
+    H, W = radii.shape
+    around, index = squares_around(at, (H, W), 2), at[:, 0] * W + at[:, 1]
+    next_to = around[:, 1:-1, 1:-1].flatten(1)
+    values = _as_averaged(radii, infinity).flatten()
+    source = torch.arange(H * W, device=at.device)
     for _ in range(_ROUNDS):
-        own, beside = flat[index], flat[around]
+        own, least, most = values[index], *torch.aminmax(values[around.flatten(1)], dim=1)
+        beside = values[next_to]
         (near, first), (far, last) = beside.min(1), beside.max(1)
-        chosen = torch.where(own - near <= far - own, first, last)
-        place = around.gather(1, chosen[:, None])[:, 0]
-        flat = flat.index_copy(0, index, flat[place])
+        is_near = own - near <= far - own
+        step = torch.where(is_near, own - near, far - own)
+        further = torch.where(is_near, near - least, most - far)
+        place = next_to.gather(1, torch.where(is_near, first, last)[:, None])[:, 0]
+        place = torch.where(further > _SLOPE * step, index, place)
+        values = values.index_copy(0, index, values[place])
         source = source.index_copy(0, index, source[place])
-    radii = signed_radius.flatten()
-    return radii.index_copy(0, index, radii[source[index]]).reshape(H, W)
+    taken = signed_radius.flatten()
+    return taken.index_copy(0, index, taken[source[index]]).reshape(H, W)
 
 
 def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
@@ -149,12 +156,13 @@ def _along(rows: Tensor, infinity: float | None) -> Tensor:
     found = rows.new_zeros((2, 4), dtype=torch.float64)
     if rows.shape[1] <= 2 * _BESIDE:
         return found
-    before, here, after = steps_beside(rows, 1)
-    hard = ((here > _MATTERS) & (torch.maximum(before, after) < _LEVEL * here)).sum()
+    _, step, _ = steps_beside(rows, 1)
     apart = (rows[:, 2 * _BESIDE :] - rows[:, : -2 * _BESIDE]).abs() > _MATTERS
     radii = rows.unfold(1, 2 * _BESIDE + 1, 1)[apart]
     for told, limit in zip(found, (math.inf, infinity), strict=True):
         if limit is not None:
+            before, here, after = steps_beside(_as_averaged(rows, limit), 1)
+            hard = ((step > _MATTERS) & (torch.maximum(before, after) < _LEVEL * here)).sum()
             place, average, wide = _on_edges(_as_averaged(radii, limit))
             told.copy_(torch.stack([average.sum(), (place * average).sum(), wide.sum(), hard]))
     return found

@@ -45,15 +45,15 @@ def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
     return before, here, after
 
 
-def squares_around(at: Tensor, size: tuple[int, int]) -> Tensor:
-    """The numbers [n, 9] of the pixels next to some at [n, 2], and their own, row by row.
+def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
+    """The numbers [n, side, side] of the pixels so many px around some at [n, 2].
 
     Of a frame of (height, width); at its borders pixels stand for what is beyond.
     """
-    offset = torch.arange(-1, 2, device=at.device)
+    offset = torch.arange(-by, by + 1, device=at.device)
     y = (at[:, :1] + offset).clamp(0, size[0] - 1)[:, :, None]
     x = (at[:, 1:] + offset).clamp(0, size[1] - 1)[:, None, :]
-    return (y * size[1] + x).flatten(1)
+    return y * size[1] + x
 
 
 def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:

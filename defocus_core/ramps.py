@@ -30,7 +30,7 @@ def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
     if not len(at):
         return signed_radius
     H, W = signed_radius.shape
-    around, index = squares_around(at, (H, W)), at[:, 0] * W + at[:, 1]
+    around, index = squares_around(at, (H, W)).flatten(1), at[:, 0] * W + at[:, 1]
     radii = signed_radius.flatten()
     near, far = radii, radii
     for _ in range(_WIDEST):
