@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.budget import Holding
-from defocus_cli.job import Job, Lens
+from defocus_cli.job import RENDERED_KINDS, Job, Lens
 
 if TYPE_CHECKING:
     from defocus_cli.depth import Depth
@@ -29,6 +29,12 @@ class Outcome:
     render_cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
+    depth_mended: str = ""  # what was done to it before it was rendered
+
+    def depth_told(self, kind: str = RENDERED_KINDS[0]) -> str:
+        """How the depth of an output was understood; maps of radii show it as it was given."""
+        mended = self.depth_mended if kind in RENDERED_KINDS else ""
+        return "; ".join(filter(None, (self.depth_note, mended)))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,6 +18,7 @@ from defocus_cli.made import Loaded, Made, Outcome
 from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
+    from defocus_core.frame import Frame
     from defocus_core.hidden import Behind
     from defocus_core.stream import Rendered, Stream
 
@@ -78,23 +80,29 @@ def rendered(
     if device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    note = outcome.depth_note
-    if stream.frame.antialiased is not None:
-        note += "; anti-aliased, its edges made hard"
-    if stream.frame.soft_edges:
-        note += "; its soft edges moved to where the colours have edges"
-    if stream.frame.terraces:
-        note += "; of few levels, smoothed between them"
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
-        depth_note=note,
+        depth_mended=_mended(stream.frame),
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
         warnings=tuple(warnings),
     )
     return Made(done, loaded.color, radius, images.planes, images.clamped)
+
+
+def _mended(frame: Frame) -> str:
+    """What was done to the depth before it was rendered; empty if nothing."""
+    done = []
+    if frame.antialiased is not None:
+        of = "disparity" if math.isinf(frame.antialiased) else "distance"
+        done.append(f"anti-aliased as averages of {of}, its edges made hard")
+    if frame.soft_edges:
+        done.append("its soft edges moved to where the colours have edges")
+    if frame.terraces:
+        done.append("of few levels, smoothed between them")
+    return "; ".join(done)
 
 
 def _stream(

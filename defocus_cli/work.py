@@ -105,7 +105,7 @@ def write(computed: Computed) -> Result:
         "lens": report.lens_record(outcome.lens),
         "size": list(outcome.size),
         "coc_px": list(outcome.coc_px),
-        "depth_note": outcome.depth_note,
+        "depth_note": outcome.depth_told(),
         "device": outcome.device,
         "quality": outcome.quality,
         "warnings": list(outcome.warnings),

@@ -15,6 +15,7 @@ from command_line import (
     Terminal,
     color_exr,
     depth_exr,
+    header,
     pair,
     ramp,
     render,
@@ -140,11 +141,15 @@ def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path: Path) -> None:
     lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "3m")
     for name, metres, said in (("averaged", averaged, True), ("hard", fine[4::8, 4::8], False)):
         depth = depth_exr(tmp_path / f"{name}.exr", metres.astype(np.float32))
-        ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v", "--json")
+        out = ("-o", tmp_path / name, "--outputs", "render,coc")
+        ran = run("render", color, depth, *lens, *out, "-v", "--json")
         assert ran.code == 0
-        note = "anti-aliased, its edges made hard"
+        note = "anti-aliased as averages of distance, its edges made hard"
         assert (note in ran.err) is said
         assert (note in ran.json["pictures"][0]["depth_note"]) is said
+        for kind in ("render", "coc"):  # maps show the depth as it is given
+            told = header(tmp_path / name / kind / "a.exr")["defocus:depth_read_as"]
+            assert (note in told) is (said and kind == "render")
 
 
 def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
