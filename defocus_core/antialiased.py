@@ -23,9 +23,9 @@ _MATTERS = 1.0
 _BESIDE, _ROUNDS = 3, 2
 # A step that goes on by as much of itself is a slope: its pixels are no averages.
 _SLOPE = 0.4
-# The share of a range over 7 px that lies within 3 of them on an edge, and not on a slope: there it
-# is 3 / 7. On wide edges that of a range over 5 px, where a slope ends near by: how far off the
-# middle of 3 px the one in between is, as a share of their range.
+# The share of the range over 7 px that 3 of them have at least on an edge: on a slope they have a
+# third. On a wide edge the share of the range over 5 px, beside a bend: a pixel that is so far off
+# the middle of the range over 3 px, as a share of this.
 _ABRUPT, _WIDE, _BENT = 0.36, 0.25, 0.3
 # To tell such depth: the first share above, between which places on an edge a pixel is an average,
 # and how level the pixels beside a hard step are.
