@@ -36,22 +36,22 @@ _SCENES = (
     ("focus", 1024, 640, 3.0, "draft", True),
     ("plane", 256, 256, 24.0, "standard", True),
     ("plane", 576, 384, 3.0, "high", False),
-    ("plane", 768, 512, 96.0, "draft", False),
+    ("plane", 768, 512, 96.0, "standard", False),
     ("floor", 256, 256, 3.0, "high", False),
     ("floor", 256, 256, 24.0, "standard", False),
-    ("floor", 384, 256, 96.0, "draft", False),
+    ("floor", 384, 256, 96.0, "standard", False),
     ("floor", 384, 256, 10.0, "standard", True),
     ("cards", 128, 128, 24.0, "high", False),
-    ("cards", 256, 256, 10.0, "draft", False),
-    ("cards", 384, 256, 96.0, "draft", False),
+    ("cards", 768, 512, 10.0, "draft", False),
+    ("cards", 384, 256, 96.0, "standard", False),
     ("cards", 576, 384, 48.0, "standard", True),
     ("cards", 1408, 832, 3.0, "standard", False),
     ("thin", 384, 256, 64.0, "standard", False),
     ("thin", 576, 384, 10.0, "standard", False),
     ("lights", 128, 128, 24.0, "high", False),
-    ("lights", 576, 384, 96.0, "draft", False),
+    ("lights", 576, 384, 96.0, "standard", False),
     ("lights", 384, 256, 10.0, "standard", False),
-    ("most", 256, 256, 24.0, "draft", False),
+    ("most", 1024, 640, 24.0, "draft", True),
     ("most", 256, 256, 64.0, "standard", False),
     ("most", 384, 256, 24.0, "high", False),
     ("most", 1408, 832, 3.0, "standard", True),
@@ -62,14 +62,15 @@ _LEAST_MB = 8.0  # the allocator rounds what is less
 # Seconds for each load and bytes held for each byte planned, as on the machine of a developer: what
 # the scenes leave open is taken from there. Memory hardly depends on the machine.
 _USUAL_SECONDS = {
-    **{"frame": 5e-4, "pixels": 5e-9, "images": 2.5e-9, "backdrop": 1e-8, "kernels": 1.2e-10},
+    **{"frame": 5e-4, "pixels": 5e-9, "images": 2.5e-9, "doubled": 8e-9, "backdrop": 1e-8},
+    **{"kernels": 1.2e-10},
     **{"regions": 4e-3, "around": 3e-9, "slopes": 6e-8, "edges": 2.2e-6, "behind": 3e-7},
     **{"lights": 1.3e-8, "calls": 6e-5, "averaged": 4e-9, "forward": 1.5e-10},
     **{"products": 6e-10, "inverse": 1.2e-10, "composited": 2.5e-9, "finished": 6e-9},
 }
 _USUAL_BYTES = {
     **{"backdrop": 2.0, "spectra": 1.2, "making": 0.8, "region": 3.0, "layers": 1.0},
-    **{"discs": 11.0, "result": 1.5, "tile": 2.0},
+    **{"discs": 11.0, "result": 1.5, "tile": 2.0, "cells": 1.5},
 }
 _TRUST = 0.2  # in that, where a scene has 1
 

@@ -168,7 +168,8 @@ def _computing() -> list[Decorator]:
         machine_option(
             "--quality",
             type=click.Choice(QUALITIES),
-            help=f"Accuracy, bought with time.  [default: {Machine.quality}]",
+            help="Accuracy, bought with time; a draft is rendered at half of the size, and what is "
+            f"in focus gets its detail back.  [default: {Machine.quality}]",
         ),
         machine_option(
             "--device",

@@ -109,9 +109,9 @@ def finished(
         told(len(rest))
         shown = [found or _copied(frame, tile, pixels) for tile, found in tiles.items()]
         of_rows = [shown[i : i + grid.columns] for i in range(0, len(shown), grid.columns)]
-        images, trust = (_joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
+        images, trust = (joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
         return Finished(
-            grid.box, images, trust, _added(region.counts(), counts_of_copies(frame, rest))
+            grid.box, images, trust, added(region.counts(), counts_of_copies(frame, rest))
         )
 
     return threaded(recomputed(computed), grids, at_once)
@@ -140,14 +140,13 @@ def assembled(
     if torch.is_grad_enabled():
         found = [part._replace(images=part.images.to(pixels.dtype)) for part in parts]
         counts = [part.counts for part in found]
-        lefts = [i for i, part in enumerate(found) if part.box.left == 0]
-        rows = [found[i:j] for i, j in zip(lefts, [*lefts[1:], len(found)], strict=True)]
-        images = _joined([[part.images for part in row] for row in rows])
-        trust = _joined([[part.trust for part in row] for row in rows]).to(pixels.dtype)
+        rows = list(in_rows(iter(found)))
+        images = joined([[part.images for part in row] for row in rows])
+        trust = joined([[part.trust for part in row] for row in rows]).to(pixels.dtype)
     else:
         kinds = 3 if frame.left_right else 1
         images = pixels.new_empty(kinds, *pixels.shape)
-        trust = pixels.new_empty(1, 1, *frame.size)
+        trust = pixels.new_empty(1, 1, *pixels.shape[-2:])
         for part in parts:
             part.box.of(images).copy_(part.images)
             part.box.of(trust).copy_(part.trust)
@@ -157,13 +156,28 @@ def assembled(
 
 def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
-    return {"slices": len(frame.radii), **_added(*counts)}
+    return {"slices": len(frame.radii), **added(*counts)}
 
 
-def _added(*counts: dict[str, int]) -> dict[str, int]:
-    return {name: sum(each[name] for each in counts) for name in counts[0]}
+def in_rows(parts: Iterator[Finished]) -> Iterator[list[Finished]]:
+    """Those of a row of regions together."""
+    row: list[Finished] = []
+    for part in parts:
+        if row and part.box.left == 0:
+            yield row
+            row = []
+        row.append(part)
+    yield row
 
 
-def _joined(rows: list[list[Tensor]]) -> Tensor:
+def added(*counts: dict[str, int]) -> dict[str, int]:
+    """The sums of some counts."""
+    total: dict[str, int] = {}
+    for each in counts:
+        total = {name: total.get(name, 0) + count for name, count in (total | each).items()}
+    return total
+
+
+def joined(rows: list[list[Tensor]]) -> Tensor:
     """Pictures [..., h, w], beside and below each other, as one."""
     return torch.cat([torch.cat(row, -1) for row in rows], -2)

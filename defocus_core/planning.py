@@ -11,10 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.copying import blurred_part
-from defocus_core.frame import Frame, frame_of
+from defocus_core.frame import Frame
+from defocus_core.picture import Picture
 from defocus_core.presence import Presence
 from defocus_core.quality import find
 from defocus_core.source import Pixels, banded, bands
@@ -23,14 +25,14 @@ from defocus_core.workload import Workload
 
 # What takes time: for the frame, for a region as a whole, for its tiles.
 LOADS = (
-    *("frame", "pixels", "images", "backdrop", "kernels"),
+    *("frame", "pixels", "images", "doubled", "backdrop", "kernels"),
     *("regions", "around", "slopes", "edges", "behind", "lights"),
     *("calls", "averaged", "forward", "products", "inverse", "composited", "finished"),
 )
 # Bytes of the coarse picture of the frame; of the spectra of kernels, and of those that are made at
 # once; of each region, of its layers at reduced resolution, of the lights in it that are drawn at
-# once, of what is made of it, and of each tile in work.
-BYTES = ("backdrop", "spectra", "making", "region", "layers", "discs", "result", "tile")
+# once, of what is made of it, and of each tile in work; of what is made of rows of cells of two px.
+BYTES = ("backdrop", "spectra", "making", "region", "layers", "discs", "result", "tile", "cells")
 # Steps of a region in which something is hidden that no other load counts.
 _STEPS = 80.0
 # Samples of the discs of lights that are drawn at once.
@@ -103,19 +105,17 @@ def plan(
     if image is None:
         image = torch.zeros((1, 1, 1), device=signed_radius.device)
         image = image.expand(channels, *signed_radius.shape)
-    frame = frame_of(
+    given = signed_radius.shape[0] * signed_radius.shape[1] * (image.shape[0] + 1)
+    picture = Picture(
         image,
         signed_radius,
         aperture=aperture or Aperture(),
         quality=find(quality),
         left_right=left_right,
-        num_layers=None,
-        psf_ks=None,
-        hidden=None,
-        threads=1,
         tile=tile,
         infinity=infinity,
     )
+    frame, image, signed_radius = picture.frame, picture.image, picture.signed_radius
     scene = Presence(frame, signed_radius)
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = [blurred_part(frame, grid, signed_radius) for grid in every]
@@ -134,10 +134,12 @@ def plan(
     of_kernels, kept, made = work.kernels()
     images = channels * size / 4 * (3 if left_right else 1)
     finished = sum(_area(grid, 0, frame) for grid in grids) * images
+    doubled = given * size / 4 * (3 if left_right else 1) * picture.at_half_size
     of_frame = {
         "frame": 1.0,
         "pixels": pixels * samples,
         "images": pixels * images,
+        "doubled": doubled,
         "backdrop": pixels * samples * frame.edges,
         "kernels": of_kernels,
     }
@@ -163,6 +165,7 @@ def plan(
         * (channels * (3 if left_right else 1) + 1)
         * size,
         "tile": 4 * work.widest * samples,
+        "cells": _bytes_of_cells(picture, every, channels * (3 if left_right else 1) + 1),
     }
     blurred = {tile for grid in grids for tile in grid.tiles}
     behind = zip(frame.grid.tiles, scene.hidden.plan, strict=True)
@@ -214,6 +217,16 @@ def _lights(
         far = torch.maximum(first - at, at - last).amax(1)
         discs += float(samples[far <= spread].sum())
     return discs
+
+
+def _bytes_of_cells(picture: Picture, grids: list[Grid], channels: int) -> float:
+    """Of the cells of a picture that are kept, and of the results of a row of regions."""
+    if not picture.at_half_size:
+        return 0.0
+    height, width = picture.frame.size
+    results = max(grid.box.height for grid in grids) * width * channels
+    kept = picture.image.shape[0] * height * width if isinstance(picture.image, Tensor) else 0
+    return float((results + 2 * kept) * picture.frame.dtype.itemsize)
 
 
 def _area(grid: Grid, margin: int, frame: Frame) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,8 @@ class Quality:
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
         full_resolution: Radius in px from which on slices are blurred at half resolution, at twice
             that at a quarter, and so on.
+        half_size: Whether pictures are rendered at half of their size, and get the detail of what
+            is in focus afterwards.
         parts: Parts of the aperture that are composited one by one for the centre image: 1, 4
             or 16. With one, the dual-pixel pair composites its halves besides.
     """
@@ -30,18 +32,25 @@ class Quality:
     hidden_halvings: int
     least_slope: float
     full_resolution: float
+    half_size: bool
     parts: int
+
+    def in_cells(self) -> Quality:
+        """The same settings in cells of two px."""
+        near, full = self.near_spacing / 2, self.full_resolution / 2
+        return replace(self, near_spacing=near, full_resolution=full, half_size=False)
 
 
 QUALITY: dict[str, Quality] = {
     "draft": Quality(
-        near_spacing=1.0,
+        near_spacing=1.5,
         far_spacing=0.2,
         layer_ratio=2.0,
         hidden_stride=2,
         hidden_halvings=1,
         least_slope=0.2,
-        full_resolution=14.0,
+        full_resolution=28.0,
+        half_size=True,
         parts=1,
     ),
     "standard": Quality(
@@ -52,6 +61,7 @@ QUALITY: dict[str, Quality] = {
         hidden_halvings=1,
         least_slope=0.1,
         full_resolution=20.0,
+        half_size=False,
         parts=1,
     ),
     "high": Quality(
@@ -62,6 +72,7 @@ QUALITY: dict[str, Quality] = {
         hidden_halvings=0,
         least_slope=0.05,
         full_resolution=40.0,
+        half_size=False,
         parts=4,
     ),
     "reference": Quality(
@@ -72,6 +83,7 @@ QUALITY: dict[str, Quality] = {
         hidden_halvings=0,
         least_slope=0.02,
         full_resolution=60.0,
+        half_size=False,
         parts=16,
     ),
 }

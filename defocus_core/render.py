@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
-from defocus_core.assembly import assembled, finished
-from defocus_core.frame import frame_of
+from defocus_core.assembly import assembled
 from defocus_core.hidden import Behind, HiddenLayer
+from defocus_core.picture import Picture
 from defocus_core.quality import find
 from defocus_core.tiling import BLOCK
 
@@ -71,7 +71,8 @@ def render(
         signed_radius: [B, 1, H, W], [B, H, W] or [H, W], px, negative nearer than focus.
         aperture: The pupil, a round one by default.
         quality: "draft", "standard", "high" or "reference": spacing of slices, parts of the
-            aperture.
+            aperture. A draft is rendered at half of the size, its tiles and slices too, unless
+            `num_layers` or `psf_ks` is given; what is in focus gets its detail back.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the ladder of the quality.
@@ -80,7 +81,8 @@ def render(
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once. With more than one, torch itself should use one thread
             (torch.set_num_threads(1)).
-        tile: Px on a side of a tile, 16 at least; another changes results in the last digits.
+        tile: Px on a side of a tile, or cells of two px in a draft, 16 at least; another changes
+            results in the last digits.
         infinity: Signed radius in px of what is infinitely far: by it averages of distance are
             told from averages of disparity where depth is anti-aliased. None takes all for the
             latter.
@@ -103,7 +105,7 @@ def render(
     done, trusts = [], []
     stats: dict[str, int] = {}
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        frame = frame_of(
+        picture = Picture(
             pixels,
             radius,
             aperture=aperture or Aperture(),
@@ -116,8 +118,8 @@ def render(
             tile=tile,
             infinity=infinity,
         )
-        parts = finished(frame, pixels, radius, hidden=known, threads=threads, progress=progress)
-        images, trust, counts = assembled(frame, pixels, parts)
+        parts = picture.parts(progress=progress)
+        images, trust, counts = assembled(picture.frame, pixels, parts)
         done.append(images)
         trusts.append(trust[0])
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}

@@ -43,6 +43,7 @@ def quantisation(least: float, most: float, quality: str) -> float:
     """By how many px of radius a slice is off a pixel at most: half a step of the ladder.
 
     A pixel belongs to the slices on both sides, so that its blur is of the right width in any case.
+    Where pictures are rendered at half of their size, cells add half a px.
 
     Args:
         least: Signed radius in px of the nearest pixel.
@@ -52,9 +53,10 @@ def quantisation(least: float, most: float, quality: str) -> float:
     Raises:
         ValueError: If there is no such quality.
     """
-    ladder = rungs(least, most, find(quality))
+    settings = find(quality)
+    ladder = rungs(least, most, settings)
     steps = [b - a for a, b in pairwise(ladder) if b > least and a < most]
-    return max(steps, default=0.0) / 2
+    return max(steps, default=0.0) / 2 + (0.5 if settings.half_size else 0.0)
 
 
 def cheapest_within(tolerance: float, least: float, most: float) -> str:

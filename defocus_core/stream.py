@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
-from defocus_core.assembly import finished, total
-from defocus_core.frame import Frame, frame_of
+from defocus_core.assembly import total
+from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
+from defocus_core.picture import Picture
 from defocus_core.quality import find
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
@@ -43,7 +44,8 @@ class Stream:
     """The regions of a picture, in rows from the top, each from left to right; goes once.
 
     Attributes:
-        frame: What holds for the whole picture.
+        size: (height, width) in px.
+        frame: What holds for the whole picture, at the size at which it is rendered.
     """
 
     def __init__(
@@ -83,23 +85,22 @@ class Stream:
                 f"image must be [C, H, W] and signed_radius [H, W], got {tuple(image.shape)} "
                 f"and {sizes[1]}"
             )
-        self._image, self._radius, self._hidden = image, signed_radius, hidden
-        self._threads, self._progress = threads, progress
+        self._dtype, self._progress = torch.promote_types(image.dtype, torch.float32), progress
         self._counts: list[dict[str, int]] = []
         with torch.no_grad():
-            self.frame: Frame = frame_of(
+            self._picture = Picture(
                 image,
                 signed_radius,
                 aperture=aperture or Aperture(),
                 quality=find(quality),
                 left_right=left_right,
-                num_layers=None,
-                psf_ks=None,
                 hidden=hidden,
                 threads=threads,
                 tile=tile,
                 infinity=infinity,
             )
+        self.size: tuple[int, int] = self._picture.size
+        self.frame: Frame = self._picture.frame
 
     def regions(self, at_once: int | None = None) -> Iterator[Rendered]:
         """Compute them.
@@ -107,27 +108,18 @@ class Stream:
         Args:
             at_once: How many at once at most: bounds memory. None for as many as threads.
         """
-        dtype = torch.promote_types(self._image.dtype, torch.float32)
         # not around the loop: the mode would be that of whoever takes the regions, too
         with torch.no_grad():
-            parts = finished(
-                self.frame,
-                self._image,
-                self._radius,
-                hidden=self._hidden,
-                threads=self._threads,
-                at_once=at_once,
-                progress=self._progress,
-            )
+            parts = self._picture.parts(at_once=at_once, progress=self._progress)
         while True:
             with torch.no_grad():
                 part = next(parts, None)
                 if part is None:
                     return
                 self._counts.append(part.counts)
-                centre, *pair = part.images.to(dtype)
+                centre, *pair = part.images.to(self._dtype)
                 left, right = pair or (None, None)
-                found = Rendered(part.box, centre, left, right, part.trust[0, 0].to(dtype))
+                found = Rendered(part.box, centre, left, right, part.trust[0, 0].to(self._dtype))
             yield found
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -34,6 +35,18 @@ from defocus_core.probes import (
 )
 from defocus_core.quality import find
 
+# What the bounds of some checks are where pictures are rendered in cells of two px.
+_IN_CELLS = {
+    "second-moment radius off r, |r| 4 to 32 px": 8.0,
+    "disc of a light, from 90 % to 10 %": 3.0,
+    "of a surface, beyond a step of slices": 2.0,
+    "of the disc, off the point": 2.5,
+    "distance left to right, off 8 r/(3 pi)": 4.0,
+    "near focus, off 8 r/(3 pi), |r| to 1 px": 0.3,
+    "card in focus before blur, change": 0.05,
+    "spill of the card on a plain ground": 1e-3,
+    "slope off a finite difference": 1e-3,
+}
 _RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on rungs and between them
 _NEAR = (0.3, 0.5, 0.8, 1.0)  # px
 _RIM = 1 / 16  # of the radius: what a rim may be wide where resolution is reduced
@@ -42,8 +55,13 @@ _LEAST_RIM = 7.0  # px of radius from which a rim has enough pixels to be measur
 
 def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
     """The checks of one law after the other; there are `len(LAWS)`."""
+    setting = setting or Setting()
+    in_cells = find(setting.quality).half_size
     for law in LAWS:
-        yield law(setting or Setting())
+        checks = law(setting)
+        if in_cells:
+            checks = [replace(c, bound=_IN_CELLS.get(c.measured, c.bound)) for c in checks]
+        yield checks
 
 
 def discs(setting: Setting) -> list[Check]:
@@ -154,7 +172,8 @@ def tiles(setting: Setting) -> list[Check]:
 
     But for what is invented behind edges, which continues all that is seen.
     """
-    whole, size, (top, left), border = (256, 320), (128, 192), (64, 64), 24  # px, beyond all reach
+    # px; the border is beyond all reach
+    whole, size, (top, left), border = (320, 384), (192, 256), (64, 64), 60
     rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
     off = []
     for radius in (slope(whole), strips(whole)):

@@ -112,7 +112,8 @@ def test_threads_wait_for_the_work_of_a_region_and_for_regions_that_are_no_copie
 
 def test_each_thread_holds_what_it_works_on() -> None:
     one, four = MADE, replace(MADE, threads=4)
-    frame, region, tile = 2, 3, 2  # backdrop, spectra; region, layers, discs; tile, making
+    # backdrop, spectra, cells; region, layers, discs; tile, making
+    frame, region, tile = 3, 3, 2
     assert one.predicted_mb(planned(6)) == frame + region + 1 + tile
     assert four.predicted_mb(planned(6)) == frame + region + 1 + 4 * tile
     assert four.predicted_mb(planned(8, regions=4)) == frame + 4 * region + 4 + 4 * tile

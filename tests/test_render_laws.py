@@ -135,10 +135,14 @@ def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [4.0, 4.1, -5.3, 7.7, -9.9, 12.34, -17.0, 23.9])
 def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None:
-    """On rungs and between them, on both axes, less the 1/12 px² of a pixel."""
+    """On rungs and between them, on both axes, less the 1/12 px² of a pixel.
+
+    A draft has cells of two px, of which a light is all.
+    """
     picture = render(*isolated(r), quality=quality).render
+    cell = 0.4 if quality == "draft" else None
     for moment in second_moments(picture):
-        assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01)
+        assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01, abs=cell)
 
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
@@ -165,8 +169,10 @@ def test_the_disc_of_a_highlight_has_the_area_of_the_lens(r: float) -> None:
 def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str) -> None:
     """Of each side one anti-aliased pixel and the step between two rungs."""
     disc = render(*isolated(r), quality=quality).render[0]
-    profile = disc[disc.shape[0] // 2] / disc.max()
-    rim = int(((profile > 0.02) & (profile < 0.98)).sum()) / 2
+    middle = disc.shape[0] // 2
+    profile = disc[middle] / disc[middle, middle]
+    high = 0.92 if quality == "draft" else 0.98  # of cells of two px made by polynomials
+    rim = int(((profile > 0.02) & (profile < high)).sum()) / 2
     spacing = max(find(quality).near_spacing, find(quality).far_spacing * abs(r))
     assert rim <= math.ceil(1 + spacing)
 
@@ -223,7 +229,7 @@ def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
     triangle = Aperture(3)
     fine = render(image, radius, aperture=triangle, quality="standard").render
     seen = render(image, radius, aperture=triangle, quality=quality).render
-    assert worst(inner(seen, 12), inner(fine, 12)) < 5e-3  # other rungs
+    assert worst(inner(seen, 12), inner(fine, 12)) < 7e-3  # other rungs, cells of two px
 
 
 @pytest.mark.parametrize("edges", [False, True])

@@ -43,9 +43,10 @@ def test_a_card_in_focus_keeps_every_pixel_of_its_edge(background_r: float, qual
     image, radius = flatten(card_layers(0.0, background_r, margin=44), SIZE)
     o = render(image, radius, quality=quality, left_right=True)
     card = radius == 0
+    few = 0.03 if quality == "draft" else EXACT  # the edge lies in cells of two px
     for picture in (o.render, o.left, o.right):
         assert picture is not None
-        assert worst(picture[:, card], image[:, card]) < EXACT
+        assert worst(picture[:, card], image[:, card]) < few
 
 
 @pytest.mark.parametrize("r", [3.0, 7.0])

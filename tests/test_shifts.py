@@ -29,7 +29,9 @@ def test_halves_are_as_far_apart_as_their_centroids(r: float, quality: str) -> N
     assert o.left is not None
     assert o.right is not None
     apart = shift(o.right) - shift(o.left)
-    few = 0.01 if abs(r) <= 1 else (0.1 if quality == "draft" else 0.065)  # px
+    few = 0.01 if abs(r) <= 1 else 0.065  # px
+    if quality == "draft":
+        few = 0.26  # up to 0.3 px is in focus in cells of two px
     assert apart == pytest.approx(expected(r), abs=few)
     assert expected(r) == pytest.approx(8 * r / (3 * math.pi), rel=0.03)
     assert torch.allclose((o.left + o.right) / 2, o.render)

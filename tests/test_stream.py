@@ -40,7 +40,7 @@ class Windows:
 
 
 def put_together(stream: Stream, at_once: int | None = None) -> dict[str, Tensor]:
-    (H, W), found = stream.frame.size, {}
+    (H, W), found = stream.size, {}
     for part in stream.regions(at_once):
         for kind in (*KINDS, "trust"):
             pixels = getattr(part, kind)

@@ -161,6 +161,8 @@ def test_mirrored_scenes_are_mirrored_pictures(
 ) -> None:
     """Of the round aperture and of those that are their own mirror image: at 90° all are."""
     image, radius = scene[0], scene[1].double()
+    if shot.quality == "draft":  # its cells begin at the upper left
+        image, radius = image.repeat(1, 2, 2), radius.repeat(2, 2)
     shot = shot._replace(blades=2 * shot.blades if dim == -1 else shot.blades)
     pictures, mirrored = (
         three(shot(*s)) for s in ((image, radius), (image.flip(dim), radius.flip(dim)))

@@ -15,7 +15,7 @@ from defocus_core.checks import Check, Setting
 from defocus_core.render import render as true_render
 
 Render = Callable[..., Rendering]
-GPU_ALIKE = Setting("cpu:0", "draft")  # not "cpu": compared with it as a GPU is
+GPU_ALIKE = Setting("cpu:0", "standard")  # not "cpu": compared with it as a GPU is
 
 
 def on_pictures(change: Callable[[Tensor], Tensor]) -> Render:

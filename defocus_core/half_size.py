@@ -1,0 +1,156 @@
+"""A picture at half of its size: two by two px make a cell, when it is asked for.
+
+Colours of a cell are means, as those of a pixel are. Where a depth edge runs through it, the
+surface that holds more of it gives its radius; the nearer one, if two hold half each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import EllipsisType
+
+import torch
+from torch import Tensor
+
+from defocus_core.halving import halved
+from defocus_core.hidden import Behind
+from defocus_core.source import Pixels, bands
+from defocus_core.threads import threaded
+
+# Px of radius by which the pixels of a cell may differ and still show one surface.
+_STEEP = 1.0
+# Cells that are kept in memory of a picture that is not.
+_HELD = 1 << 21
+_EVEN = (False, False)
+
+Cut = slice | EllipsisType
+
+
+class HalfSize:
+    """Cells [..., ceil(H / 2), ceil(W / 2)], as a `Source`."""
+
+    def __init__(self, merge: Callable[..., Tensor], *pictures: Pixels) -> None:
+        """Nothing is looked at yet.
+
+        Args:
+            merge: Makes cells [..., h, w] of the px [..., 2 h, 2 w] of each picture.
+            pictures: [..., H, W], computed with in float32 at least.
+        """
+        self._merge, self._pictures = merge, pictures
+        H, W = pictures[0].shape[-2:]
+        self._size = (H + 1) // 2, (W + 1) // 2
+        first = self[:1, :1]
+        self.shape = (*first.shape[:-2], *self._size)
+        self.dtype, self.device = first.dtype, first.device
+
+    def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
+        """What slices of rows, or of rows and columns, cut."""
+        cuts = [cut for cut in _all(window) if isinstance(cut, slice)]
+        cuts += [slice(None)] * (2 - len(cuts))
+        down, across = (
+            slice(2 * first, 2 * max(end, first))
+            for first, end, _ in map(slice.indices, cuts, self._size)
+        )
+        return self._merge(*(_evened(x[..., down, across]) for x in self._pictures))
+
+    def at_once(self, threads: int) -> Tensor:
+        """All of it, computed in bands."""
+        rows = bands(*self.shape[-2:])
+        return torch.cat(
+            list(threaded(lambda some: self[..., some[0] : some[1], :], rows, threads)), -2
+        )
+
+
+def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int) -> Pixels:
+    """Cells of pictures: of a frame that is in memory or not large made now, else when asked for.
+
+    The arguments are those of `HalfSize`; `threads` is how many bands are made at once.
+    """
+    cells = HalfSize(merge, *pictures)
+    in_memory = all(isinstance(picture, Tensor) for picture in pictures)
+    if in_memory or cells.shape[-2] * cells.shape[-1] <= _HELD:
+        return cells.at_once(threads)
+    return cells
+
+
+def behind_at_half_size(behind: Behind, threads: int) -> Behind:
+    """What is known behind a frame, in cells, with a channel more that is 0."""
+    color, radius, mask = behind
+    return Behind(
+        half_size(_known_means, color, mask, threads=threads),
+        half_size(_known_radii_in_cells, radius, mask, threads=threads),
+        half_size(_any_known, mask, threads=threads),
+    )
+
+
+def radii_in_cells(signed_radius: Tensor) -> Tensor:
+    """Radii in cells of what cells [h, w] show, of px [2 h, 2 w]."""
+    return surface_radii(signed_radius) / 2
+
+
+def means(values: Tensor) -> Tensor:
+    """Of px [..., 2 h, 2 w] in cells [..., h, w]."""
+    return halved(values, _EVEN) / 4
+
+
+def surface_radii(signed_radius: Tensor) -> Tensor:
+    """Radii in px of the surfaces of cells [h, w], of px [2 h, 2 w]."""
+    corners = _corners(signed_radius)
+    least, most = corners[0].detach(), corners[0].detach()
+    for corner in corners[1:]:
+        least, most = torch.minimum(least, corner.detach()), torch.maximum(most, corner.detach())
+    at = torch.nonzero(most - least > _STEEP).unbind(1)
+    some = torch.stack([corner[at] for corner in corners])
+    return means(signed_radius).index_put(at, _of_most(some, torch.ones_like(some)))
+
+
+def _known_means(color: Tensor, known: Tensor) -> Tensor:
+    """Means of the px that are known, 0 where none is, and a channel more that is 0."""
+    count = halved(known.to(color.dtype), _EVEN)
+    cells = halved(torch.where(known.bool(), color, 0.0), _EVEN) / count.clamp(min=1)
+    return torch.cat([cells, torch.zeros_like(cells[:1])])
+
+
+def _known_radii_in_cells(signed_radius: Tensor, known: Tensor) -> Tensor:
+    """The same of the px that are known, 0 where none is."""
+    radii, share = (torch.stack(_corners(x)) for x in (signed_radius, known.to(signed_radius)))
+    return _of_most(torch.where(share > 0, radii, 0.0), share) / 2
+
+
+def _any_known(known: Tensor) -> Tensor:
+    return halved(known.float(), _EVEN) > 0
+
+
+def _of_most(radii: Tensor, share: Tensor) -> Tensor:
+    """Of radii [4, ...] px the mean [...] of those on one surface: that of most of them.
+
+    Args:
+        radii: Px.
+        share: [4, ...], 1 for those that count, 0 for the others.
+    """
+    least = torch.where(share > 0, radii, torch.inf).amin(0).detach()
+    most = torch.where(share > 0, radii, -torch.inf).amax(0).detach()
+    near = share * (radii <= (least + most) / 2)
+    larger = torch.where(2 * near.sum(0) >= share.sum(0), near, share - near)
+    chosen = torch.where(most - least > _STEEP, larger, share)
+    return (radii * chosen).sum(0) / chosen.sum(0).clamp(min=1)
+
+
+def _corners(px: Tensor) -> list[Tensor]:
+    """The four px [..., h, w] of each cell."""
+    return [px[..., y::2, x::2] for y in (0, 1) for x in (0, 1)]
+
+
+def _all(window: Cut | tuple[Cut, ...]) -> tuple[Cut, ...]:
+    return window if isinstance(window, tuple) else (window,)
+
+
+def _evened(px: Tensor) -> Tensor:
+    """Px [..., H, W] to compute with, the last ones repeated where their number is odd."""
+    if px.dtype != torch.bool:
+        px = px.to(torch.promote_types(px.dtype, torch.float32))
+    if px.shape[-2] % 2:
+        px = torch.cat([px, px[..., -1:, :]], -2)
+    if px.shape[-1] % 2:
+        px = torch.cat([px, px[..., -1:]], -1)
+    return px
