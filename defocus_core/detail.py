@@ -14,6 +14,7 @@ from torch.nn.functional import interpolate, pad
 
 from defocus_core.half_size import means
 from defocus_core.slicing import SHARP, SOFT
+from defocus_core.tiling import Box
 
 # Radius in px from which on nothing is left of detail: until then it falls as the mean over random
 # textures does of what a disc leaves of it.
@@ -27,8 +28,10 @@ _AS_IT_WAS = 16
 _MOST = 0.25
 # Radii in px up to which cells are in focus, and beyond which they are shifted as they should be.
 _STILL = (2 * SHARP, 2 * SOFT)
-# Cells above and below those that become pixels.
+# Cells around one that decide what its pixels are.
 AROUND = 2
+# What rounding leaves of a share that is shown whole.
+_ROUNDING = 1e-5
 # Least share of a cell that can be told to be in focus.
 _LEAST = 0.05
 
@@ -45,13 +48,13 @@ def share_left(signed_radius: Tensor) -> Tensor:
 
 
 class Given(NamedTuple):
-    """Rows of the picture that was rendered.
+    """A part of the picture that was rendered.
 
     Attributes:
-        cells: [C, n, w], means of its px.
-        share: [n, w], from `share_left`.
-        pixels: [C, h, w] px.
-        signed_radius: [h, w] px.
+        cells: [C, h, w], means of its px, with some that lie around.
+        share: [h, w], from `share_left`, of the same.
+        pixels: [C, H, W] px.
+        signed_radius: [H, W] px.
     """
 
     cells: Tensor
@@ -60,65 +63,67 @@ class Given(NamedTuple):
     signed_radius: Tensor
 
 
-def with_detail(images: Tensor, shown: Tensor, given: Given, above: int, below: int) -> Tensor:
-    """Px [k, C, h, w] of the centre, or centre, left and right, of rendered cells.
+def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tensor:
+    """Px [k, C, H, W] of the centre, or centre, left and right, of rendered cells.
 
     Args:
-        images: [k, C, n, w], the cells.
-        shown: [k, n, w], what was rendered where the cells had their share.
+        images: [k, C, h, w], the cells, with some that lie around.
+        shown: [k, h, w], what was rendered where the cells had their share.
         given: What they were rendered from.
-        above: As for `doubled`.
-        below: The same.
+        part: As for `doubled`.
     """
     height, width = given.signed_radius.shape
-    found = doubled(images, above, below)[..., :height, :width]
-    columns = torch.nonzero(given.share.detach().amax(0)).flatten()
-    if not len(columns):
+    if _is_as_it_was(shown, given):
+        return given.pixels.expand(len(images), *given.pixels.shape)
+    found = doubled(images, part)[..., :height, :width]
+    if not bool(given.share.any()):
         return found
-    first, last = max(int(columns[0]) - AROUND, 0), int(columns[-1]) + 1 + AROUND
-    few, px = slice(first, last), slice(2 * first, 2 * last)
-    pixels, r, blurred = given.pixels[..., px], given.signed_radius[..., px], found[..., px]
-    h, w = r.shape
-    visible = torch.cat([given.share[None], shown])[..., few]
-    visible = smooth(visible, above, below)[..., :h, :w]
+    own = doubled(given.cells, part)[..., :height, :width]
+    visible = smooth(torch.cat([given.share[None], shown])[None], part)[0, :, :height, :width]
     seen = visible[1:] / visible[:1].clamp(min=_LEAST)
-    detail = pixels - doubled(given.cells[..., few], above, below)[..., :h, :w]
+    pixels, r, blurred = given.pixels, given.signed_radius, found[0]
+    detail = pixels - own
     left = (left_of_detail(r) * seen)[:, None]
-    added = left * detail
     # in full view and in focus a pixel is as it was, edges too
-    whole = torch.lerp(blurred[0] + added[0], pixels, left[0].clamp(0, 1) ** _AS_IT_WAS)
-    whole = whole.clamp(torch.minimum(blurred[0], pixels), torch.maximum(blurred[0], pixels))
-    added = added + (whole - blurred[0] - added[0])
-    if len(found) > 1:
-        beside = _padded(detail, (1, 1, 0, 0))
-        still, r = (r.abs() - _STILL[0]) / (_STILL[1] - _STILL[0]), _SHIFT * r
-        moved = (
-            r
-            * still.clamp(0, 1)
-            * left_of_detail(r)
-            * seen[0]
-            * (beside[..., 2:] - beside[..., :-2])
-            / 2
-        )
-        added = added + torch.stack([torch.zeros_like(moved), moved, -moved])
-    shown = torch.cat([whole[None], blurred[1:] + added[1:]])
-    return torch.cat([found[..., : px.start], shown, found[..., px.stop :]], -1)
+    whole = torch.lerp(blurred + left[0] * detail, pixels, left[0].clamp(0, 1) ** _AS_IT_WAS)
+    whole = whole.clamp(torch.minimum(blurred, pixels), torch.maximum(blurred, pixels))
+    if len(found) == 1:
+        return whole[None]
+    beside = _padded(detail, (1, 1, 0, 0))
+    still, r = (r.abs() - _STILL[0]) / (_STILL[1] - _STILL[0]), _SHIFT * r
+    moved = r * still.clamp(0, 1) * left_of_detail(r) * seen[0]
+    moved = moved * (beside[..., 2:] - beside[..., :-2]) / 2
+    halves = found[1:] - blurred + (left[1:] - left[0]) * detail + torch.stack([moved, -moved])
+    return torch.cat([whole[None], whole + halves])
 
 
-def doubled(cells: Tensor, above: int, below: int) -> Tensor:
-    """Px [..., 2 n, 2 w] of cells [..., above + n + below, w].
+def _is_as_it_was(shown: Tensor, given: Given) -> bool:
+    """Whether all is in focus and in full view; a copy has no slope in the radius."""
+    r = given.signed_radius
+    if r.requires_grad or float(r.abs().amax()) > SHARP:
+        return False
+    return bool((shown >= (1 - _ROUNDING) * given.share).all())
+
+
+def doubled(cells: Tensor, part: Box) -> Tensor:
+    """Px [..., 2 h, 2 w] of a part of some cells.
 
     The mean of four px is their cell, and polynomials of fourth order along a row or a column stay
-    what they are (Cohen, Daubechies and Feauveau 1992), unless they rise so fast that light would
-    become negative.
+    what they are (Cohen, Daubechies and Feauveau 1992) as far as they do not ring: where what lies
+    around a cell differs by more than the cell has, its px lie between that.
 
     Args:
-        cells: Rows of cells of a frame, with all columns.
-        above: How many of the rows lie above those that are wanted, 2 at most: the first one is
-            repeated for those that the frame does not have.
-        below: The same below.
+        cells: [..., h + a, w + b].
+        part: Of size h, w; of the two rows and columns of cells around it those may be missing that
+            lie beyond the border of a frame: its last ones are repeated.
     """
-    cells = _padded(cells, (AROUND, AROUND, AROUND - above, AROUND - below))
+    below, beside = (
+        whole - first - size
+        for whole, first, size in zip(cells.shape[-2:], part[:2], part[2:], strict=True)
+    )
+    missing = (part.left, beside, part.top, below)
+    left, right, above, below = (AROUND - there for there in missing)
+    cells = _padded(cells, (left, right, above, below))
     middle = cells[..., AROUND:-AROUND, AROUND:-AROUND]
     down = _rise(cells[..., AROUND:-AROUND], -2)
     across = _rise(cells[..., AROUND:-AROUND, :], -1)
@@ -158,10 +163,10 @@ def _ends(cells: Tensor) -> tuple[Tensor, Tensor]:
     return least, most
 
 
-def smooth(cells: Tensor, above: int, below: int) -> Tensor:
-    """Rows [N, 2 n, 2 w] px of cells [N, above + n + below, w], never beyond those beside them."""
-    px = interpolate(cells[None], scale_factor=2, mode="bilinear", align_corners=False)[0]
-    return px[:, 2 * above : px.shape[1] - 2 * below]
+def smooth(cells: Tensor, part: Box) -> Tensor:
+    """The same, never beyond the cells beside them, but of [N, C, ...] and with other means."""
+    px = interpolate(cells, scale_factor=2, mode="bilinear", align_corners=False)
+    return Box(*(2 * n for n in part)).of(px)
 
 
 def _padded(values: Tensor, by: tuple[int, int, int, int]) -> Tensor:

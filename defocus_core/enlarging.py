@@ -26,8 +26,12 @@ _PX = 2  # of a cell, on a side
 # What stands for all detail of a cell beside its colours, as a share of what counts as a highlight:
 # so little that it does not tell surfaces apart.
 _UNIT = 2.0**-12
-# Px that are made of cells at once.
-_BAND = 1 << 17
+
+
+# Height and width in cells of tiles that are enlarged.
+_TILE = (32, 512)
+# Cells around a tile that decide what its px are.
+_AROUND = AROUND + 1
 
 
 class Enlarging:
@@ -47,7 +51,7 @@ class Enlarging:
             image: [C, h, w] cells.
             pixels: [C, H, W] px of the picture.
             signed_radius: [H, W] px of the picture.
-            threads: Bands enlarged at once.
+            threads: Tiles enlarged at once.
         """
         self._frame, self._threads = frame, threads
         self._size = signed_radius.shape[0], signed_radius.shape[1]
@@ -65,48 +69,54 @@ class Enlarging:
             self.cells = HalfSize(merged, pixels, signed_radius)
 
     def enlarged(self, parts: Iterator[Finished]) -> Iterator[Finished]:
-        """Bands of rows of px, of rendered cells; those wait for the ones below them."""
+        """Tiles of px, of rendered cells; the last rows of these wait for the ones below them."""
         done, kept = 0, list[_Cells]()
         counts: dict[str, int] = {}
-        height = self._frame.size[0]
-        rows = max(1, _BAND // (_PX * self._size[1]))
+        height, width = self._frame.size
         for row in in_rows(parts):
             counts = added(counts, *map(self._counts, row))
             images = joined([[part.images for part in row]])
             trust = joined([[part.trust for part in row]])
             cells = _below_each_other([*kept, _Cells(row[0].box.top, images, trust)])
-            ready = cells.end if cells.end == height else cells.end - AROUND
-            some = [(first, min(first + rows, ready)) for first in range(done, ready, rows)]
-            for part in threaded(partial(self._band, cells), some, self._threads):
+            ready = cells.end if cells.end == height else cells.end - _AROUND
+            tiles = [
+                Box(top, left, min(_TILE[0], ready - top), min(_TILE[1], width - left))
+                for top in range(done, ready, _TILE[0])
+                for left in range(0, width, _TILE[1])
+            ]
+            for part in threaded(partial(self._tile, cells), tiles, self._threads):
                 yield part._replace(counts=counts)
                 counts = {}
-            done, kept = ready, [cells.rows(ready - AROUND, cells.end)]
+            done, kept = ready, [cells.rows(ready - _AROUND, cells.end)]
 
-    def _band(self, cells: _Cells, rows: tuple[int, int]) -> Finished:
-        """Some rows of cells as px; they count nothing."""
-        (H, W), (height, width) = self._size, self._frame.size
-        first, last = max(rows[0] - AROUND, 0), min(rows[1] + AROUND, height)
-        around = rows[0] - first, last - rows[1]
-        _, images, trust = cells.rows(first, last)
-        box = Box(_PX * rows[0], 0, min(_PX * rows[1], H) - _PX * rows[0], W)
-        of_cells = Box(first, 0, last - first, width)
-        own = (*map(of_cells.of, self._of_cells), *map(box.of, self._of_px))
+    def _tile(self, cells: _Cells, tile: Box) -> Finished:
+        """Some cells as px; they count nothing."""
+        wide = tile.grown(1, self._frame.box)  # for slopes of detail
+        around = wide.grown(AROUND, self._frame.box)
+        part, here = wide.seen_from(around), around._replace(top=around.top - cells.top)
+        images, trust = here.of(cells.images), here.of(cells.trust)
+        own = (*map(around.of, self._of_cells), *map(self._px(wide).of, self._of_px))
         given = Given(*(x.to(images.dtype) for x in own))
-        images = with_detail(images[:, :-1], images[:, -1] / self._unit, given, *around)
+        images = with_detail(images[:, :-1], images[:, -1] / self._unit, given, part)
         if not self._frame.signed:
             images = images.clamp(min=0)
         if len(images) > 1:
             pair = pair_of(*images, signed=self._frame.signed)
             images = torch.cat([images[:1], pair])
-        return Finished(box, images, smooth(trust[0], *around)[None, :, : box.height, :W], {})
+        box = self._px(tile)
+        inner = box.seen_from(self._px(wide))
+        return Finished(box, inner.of(images), inner.of(smooth(trust, part)), {})
+
+    def _px(self, cells: Box) -> Box:
+        """The px of cells."""
+        whole = Box(0, 0, *self._size)
+        return Box(*(_PX * n for n in cells)).grown(0, whole)
 
     def _counts(self, part: Finished) -> dict[str, int]:
         """Those of a part in cells, in px."""
-        (H, W), box = self._size, part.box
-        height = min(_PX * (box.top + box.height), H) - _PX * box.top
-        width = min(_PX * (box.left + box.width), W) - _PX * box.left
-        copied = part.counts["pixels_copied"] * height * width // box.area
-        return {**part.counts, "pixels": height * width, "pixels_copied": copied}
+        pixels = self._px(part.box).area
+        copied = part.counts["pixels_copied"] * pixels // part.box.area
+        return {**part.counts, "pixels": pixels, "pixels_copied": copied}
 
 
 class _Cells(NamedTuple):

@@ -11,10 +11,21 @@ from defocus_core.detail import (
     doubled,
     left_of_detail,
     share_left,
+    smooth,
     with_detail,
 )
 from defocus_core.half_size import means
 from defocus_core.slicing import SHARP
+from defocus_core.tiling import Box
+
+
+def whole(cells: Tensor) -> Box:
+    return Box(0, 0, cells.shape[-2], cells.shape[-1])
+
+
+def pixels_of(cells: Tensor) -> Tensor:
+    """All of them."""
+    return doubled(cells, whole(cells))
 
 
 def noise(*size: int) -> Tensor:
@@ -23,19 +34,19 @@ def noise(*size: int) -> Tensor:
 
 def test_means_of_pixels_are_their_cells() -> None:
     cells = 0.5 + noise(2, 3, 9, 11) ** 8  # with contrasts that would ring
-    assert torch.allclose(means(doubled(cells, 0, 0)), cells, atol=1e-14)
+    assert torch.allclose(means(pixels_of(cells)), cells, atol=1e-14)
 
 
 @pytest.mark.parametrize("power", [0, 1, 2, 3, 4])
 def test_polynomials_of_fourth_order_stay_what_they_are(power: int) -> None:
     """Of a row or a column; means over pixels and over cells are exact integrals here."""
     x = torch.arange(-16, 17, dtype=torch.float64) / 16
-    whole = 3 + (x[1:] ** (power + 1) - x[:-1] ** (power + 1)) * 16 / (power + 1)
-    px = whole.expand(32, 32).clone()
-    found = doubled(means(px)[None], 0, 0)[0]
+    row = 3 + (x[1:] ** (power + 1) - x[:-1] ** (power + 1)) * 16 / (power + 1)
+    px = row.expand(32, 32).clone()
+    found = pixels_of(means(px)[None])[0]
     inner = slice(2 * AROUND, -2 * AROUND)
     assert torch.allclose(found[inner, inner], px[inner, inner], atol=1e-12)
-    assert torch.allclose(doubled(means(px.T)[None], 0, 0)[0].T, found, atol=1e-15)
+    assert torch.allclose(pixels_of(means(px.T)[None])[0].T, found, atol=1e-15)
 
 
 @pytest.mark.parametrize("low", [0.0, 0.4])
@@ -43,16 +54,18 @@ def test_beside_a_step_little_rings(low: float) -> None:
     """Nothing where contrast is high, a twelfth of the step where it is low."""
     cells = torch.full((1, 12, 12), low, dtype=torch.float64)
     cells[:, 3:9, 3:9] = 1.0
-    found = doubled(cells, 0, 0)
+    found = pixels_of(cells)
     assert float(found.min()) >= low * 0.9
     assert float(found.max()) <= 1.0 + 0.25 * low
 
 
-def test_bands_are_rows_of_the_whole() -> None:
-    cells = noise(3, 12, 7)
-    whole = doubled(cells, 0, 0)
-    assert torch.equal(doubled(cells[:, 2:9], 2, 1)[:, :-2], whole[:, 8:14])
-    assert torch.equal(doubled(cells[:, :7], 0, 2), whole[:, :10])
+def test_a_part_is_a_part_of_the_whole() -> None:
+    cells = noise(3, 12, 9)
+    px = pixels_of(cells)
+    assert torch.equal(doubled(cells[:, 2:10, 1:9], Box(2, 2, 4, 4)), px[:, 8:16, 6:14])
+    assert torch.equal(doubled(cells[:, :7], Box(0, 0, 5, 9)), px[:, :10])
+    some = smooth(cells[None, :, 2:9], Box(2, 0, 4, 9))
+    assert torch.equal(some, smooth(cells[None], Box(4, 0, 4, 9)))
 
 
 def test_a_disc_leaves_less_of_detail_the_larger_it_is() -> None:
@@ -71,7 +84,7 @@ def at(r: float, shown: float, copies: int = 1) -> tuple[Tensor, Tensor]:
     cells, share = means(pixels), share_left(radius)
     given = Given(cells, share, pixels, radius)
     images = cells.expand(copies, *cells.shape)
-    return pixels, with_detail(images, shown * share.expand(copies, 6, 8), given, 0, 0)
+    return pixels, with_detail(images, shown * share.expand(copies, 6, 8), given, whole(cells))
 
 
 def test_in_focus_and_in_full_view_a_pixel_is_as_it_was() -> None:
@@ -83,14 +96,14 @@ def test_in_focus_and_in_full_view_a_pixel_is_as_it_was() -> None:
 @pytest.mark.parametrize(("r", "shown"), [(0.0, 0.6), (1.0, 1.0), (1.5, 0.5)])
 def test_detail_is_added_as_far_as_it_is_left_and_shown(r: float, shown: float) -> None:
     pixels, (found,) = at(r, shown)
-    own = doubled(means(pixels), 0, 0)
+    own = pixels_of(means(pixels))
     share = shown * float(left_of_detail(torch.tensor(r)))
     assert torch.allclose(found, own + share * (pixels - own), atol=2e-3)
 
 
 def test_beyond_reach_of_focus_cells_alone_are_shown() -> None:
     pixels, (found,) = at(3.0, 1.0)
-    assert torch.equal(found, doubled(means(pixels), 0, 0))
+    assert torch.equal(found, pixels_of(means(pixels)))
 
 
 @pytest.mark.parametrize("r", [-1.0, 0.7])
@@ -102,7 +115,9 @@ def test_detail_is_shifted_apart_as_the_halves_are(r: float) -> None:
     share = share_left(radius)
     cells = means(pixels)
     images, shown = cells.expand(3, 1, 6, 32), share.expand(3, 6, 32)
-    centre, left, right = with_detail(images, shown, Given(cells, share, pixels, radius), 0, 0)
+    centre, left, right = with_detail(
+        images, shown, Given(cells, share, pixels, radius), whole(cells)
+    )
     assert torch.allclose((left + right) / 2, centre, atol=1e-15)
     wave = torch.exp(0.3j * torch.pi * x)[8:48]  # twelve half waves
     late = [(picture[0, 5, 8:48] * wave).sum().angle() for picture in (left, right)]
