@@ -174,7 +174,7 @@ def added(*counts: dict[str, int]) -> dict[str, int]:
     """The sums of some counts."""
     total: dict[str, int] = {}
     for each in counts:
-        total = {name: total.get(name, 0) + count for name, count in (total | each).items()}
+        total |= {name: total.get(name, 0) + count for name, count in each.items()}
     return total
 
 
