@@ -1,7 +1,8 @@
 """A picture at half of its size: two by two px make a cell, when it is asked for.
 
 Colours of a cell are means, as those of a pixel are. Where a depth edge runs through it, the
-surface that holds more of it gives its radius; the nearer one, if two hold half each.
+surface that holds more of it gives its radius; the nearer one, if two hold half each. But the light
+of a pixel much brighter than the others belongs where that pixel is.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from defocus_core.threads import threaded
 
 # Px of radius by which the pixels of a cell may differ and still show one surface.
 _STEEP = 1.0
+# How many times as bright as the others together a pixel of a cell is that gives its radius.
+_BRIGHTER = 4.0
 # Cells that are kept in memory of a picture that is not.
 _HELD = 1 << 21
 _EVEN = (False, False)
@@ -83,9 +86,9 @@ def behind_at_half_size(behind: Behind, threads: int) -> Behind:
     )
 
 
-def radii_in_cells(signed_radius: Tensor) -> Tensor:
-    """Radii in cells of what cells [h, w] show, of px [2 h, 2 w]."""
-    return surface_radii(signed_radius) / 2
+def radii_in_cells(signed_radius: Tensor, pixels: Tensor) -> Tensor:
+    """Radii in cells of what cells [h, w] show, of px [2 h, 2 w] and [C, 2 h, 2 w]."""
+    return surface_radii(signed_radius, pixels) / 2
 
 
 def means(values: Tensor) -> Tensor:
@@ -93,15 +96,19 @@ def means(values: Tensor) -> Tensor:
     return halved(values, _EVEN) / 4
 
 
-def surface_radii(signed_radius: Tensor) -> Tensor:
-    """Radii in px of the surfaces of cells [h, w], of px [2 h, 2 w]."""
+def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
+    """Radii in px of the surfaces of cells [h, w], of px [2 h, 2 w] and [C, 2 h, 2 w]."""
     corners = _corners(signed_radius)
     least, most = corners[0].detach(), corners[0].detach()
     for corner in corners[1:]:
         least, most = torch.minimum(least, corner.detach()), torch.maximum(most, corner.detach())
-    at = torch.nonzero(most - least > _STEEP).unbind(1)
-    some = torch.stack([corner[at] for corner in corners])
-    return means(signed_radius).index_put(at, _of_most(some, torch.ones_like(some)))
+    y, x = torch.nonzero(most - least > _STEEP).unbind(1)
+    some = torch.stack([corner[y, x] for corner in corners])
+    light = torch.stack([corner[:, y, x].amax(0) for corner in _corners(pixels.detach())])
+    brightest = light.amax(0)
+    lone = brightest > _BRIGHTER * (light.sum(0) - brightest)
+    counts = torch.where(lone, (light == brightest).to(some), 1.0)
+    return means(signed_radius).index_put((y, x), _of_most(some, counts))
 
 
 def _known_means(color: Tensor, known: Tensor) -> Tensor:

@@ -54,8 +54,8 @@ class Picture:
         self.at_half_size = quality.half_size and not exact and _is_blurred(signed_radius)
         if self.at_half_size:
             quality = quality.in_cells()
+            signed_radius = half_size(radii_in_cells, *given[::-1], threads=threads)
             image = half_size(means, image, threads=threads)
-            signed_radius = half_size(radii_in_cells, signed_radius, threads=threads)
             hidden = None if hidden is None else behind_at_half_size(hidden, threads)
             infinity = None if infinity is None else infinity / 2
         self.frame = frame_of(

@@ -48,8 +48,17 @@ def test_the_radius_of_a_cell_is_that_of_the_surface_which_holds_most_of_it(
 ) -> None:
     for order in ([0, 1, 2, 3], [3, 1, 0, 2], [2, 3, 1, 0]):
         radius = torch.tensor([px[i] for i in order], dtype=torch.float64).view(2, 2)
-        assert float(surface_radii(radius)) == pytest.approx(expected, abs=1e-12)
-        assert float(radii_in_cells(radius)) == pytest.approx(expected / 2, abs=1e-12)
+        plain = noise(3, 2, 2)
+        assert float(surface_radii(radius, plain)) == pytest.approx(expected, abs=1e-12)
+        assert float(radii_in_cells(radius, plain)) == pytest.approx(expected / 2, abs=1e-12)
+
+
+def test_the_light_of_a_cell_belongs_where_its_pixel_is() -> None:
+    radius = torch.tensor([[-5.0, -5.2], [-5.1, 30.0]])
+    image = torch.full((3, 2, 2), 0.5)
+    image[:, 1, 1] = 50.0
+    assert float(surface_radii(radius, image)) == 30.0
+    assert float(surface_radii(radius, image.flip(-1))) == pytest.approx(-5.1)
 
 
 def test_what_is_known_of_a_cell_is_what_is_known_of_its_pixels() -> None:
@@ -77,6 +86,6 @@ def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_gradients_reach_the_pixels_of_the_surface() -> None:
     radius = torch.tensor([[-5.0, 3.0], [3.2, 3.4]], dtype=torch.float64, requires_grad=True)
-    surface_radii(radius).sum().backward()
+    surface_radii(radius, torch.ones(3, 2, 2)).sum().backward()
     assert radius.grad is not None
     assert radius.grad.flatten().tolist() == pytest.approx([0.0, 1 / 3, 1 / 3, 1 / 3])
