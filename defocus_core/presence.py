@@ -16,12 +16,13 @@ from defocus_core.halving import axes, halves
 from defocus_core.hidden import hidden_layer
 from defocus_core.neighbours import extreme_around
 from defocus_core.patches import Patch, patches
+from defocus_core.planes import Planes
 from defocus_core.ramps import without_ramps
 from defocus_core.resampling import cells_read
 from defocus_core.slicing import position
-from defocus_core.slopes import Planes, slopes
+from defocus_core.slopes import slopes
 from defocus_core.source import Pixels
-from defocus_core.tiling import BLOCK, TILE, Box, block_ends, blocks_at, visible_slices
+from defocus_core.tiling import BLOCK, TILE, Box, blocks_at, visible_slices
 from defocus_core.windows import Window
 
 # Pixels of a sample at most, of one that shows what is hidden, and of the strips in which all are
@@ -85,15 +86,14 @@ class Cover:
         self._leaning: Tensor | None = None
         self._planes: Planes | None = None
 
-    def lean(self, leaning: Tensor, lowest: Tensor, highest: Tensor) -> None:
+    def lean(self, leaning: Tensor, planes: Planes) -> None:
         """Tell that some are tilted.
 
         Args:
             leaning: [K, rows, columns] bool, where rungs have slopes.
-            lowest: [2, rows, columns] the least of the slopes x and y in each block.
-            highest: The same of the greatest.
+            planes: Those that have the same all over.
         """
-        self._leaning, self._planes = leaning, Planes(lowest, highest, self._blocks)
+        self._leaning, self._planes = leaning, planes
 
     def patches(self, rungs: list[int], tiles: list[int]) -> list[Patch | None]:
         """What tiles of the frame see of a layer, at the resolution at which it is blurred."""
@@ -176,8 +176,9 @@ class Presence:
             lean = slopes(radius / step, frame.quality.least_slope)
             if lean is not None:
                 leaning = self._blocks(radius, lean.any(0), step, 1, (H, W))
-                lowest, highest = block_ends(lean, BLOCK // step)
-                self.visible.lean(leaning.cpu(), lowest.cpu(), highest.cpu())
+                places = position(radius, frame.radii)
+                planes = Planes(lean, places, blocks.cpu(), BLOCK // step)
+                self.visible.lean(leaning.cpu(), planes)
         fill = frame.invented
         self.behind, blocks = 0.0, blocks[:0]
         around = _Around(blocks, tiles, [[] for _ in tiles])

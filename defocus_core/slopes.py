@@ -12,15 +12,13 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tiling import BLOCK, Box
-
+# Differences in px that are less and less of the same surface.
+_STEP = (1.0, 3.0)
 # Slopes in px per px that may be a plain mean.
 _SMALL = 0.05
 # Px to each side of a pixel, and the share of those that must be steep.
 _AROUND = 5
 _AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
-# Slopes that differ by less are the same: pictures change by less than 2e-6 for that.
-_SAME = 1.5e-5
 # Px around a pixel that decide its slope.
 AROUND = _AROUND + 1
 
@@ -48,55 +46,41 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
         steep &= _many_around(steep)
         if not bool(steep.any()):
             return None
+    corrected = [
+        _without_edges(x, signed_radius, dim, steep)
+        for x, dim in zip(gradient, (-1, -2), strict=True)
+    ]
+    gradient = torch.stack(corrected)
     long = square > 1
     if bool(long.any()):
         gradient = gradient * torch.where(long, torch.where(long, square, 1.0).rsqrt(), 1.0)
     return gradient * steep
 
 
-class Planes:
-    """Where slices have the same slope all over: their kernels can be tilted instead of them."""
+def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
+    """Differences [H, W] along an axis; where a neighbour is beyond an edge the other counts alone.
 
-    def __init__(self, lowest: Tensor, highest: Tensor, blocks: Tensor) -> None:
-        """Keep the range of slopes in each block.
-
-        Args:
-            lowest: [2, rows, columns], the least of the slopes.
-            highest: The greatest.
-            blocks: [K, rows, columns] bool, where slices are.
-        """
-        self._lowest, self._highest, self._blocks = lowest, highest, blocks
-        self._everywhere = self._within(list(range(len(blocks))), slice(None), slice(None))
-
-    def slopes(self, numbers: list[int], box: Box) -> list[tuple[float, float] | None]:
-        """The slope of slices, x and y; None for one that has not the same all over a rectangle.
-
-        Args:
-            numbers: Of the slices, each of which is there.
-            box: The rectangle.
-        """
-        if any(self._everywhere[number] is None for number in numbers):
-            top, left = max(box.top // BLOCK, 0), max(box.left // BLOCK, 0)
-            below, beside = -(-(box.top + box.height) // BLOCK), -(-(box.left + box.width) // BLOCK)
-            found = self._within(numbers, slice(top, below), slice(left, beside))
-        else:
-            found = [None] * len(numbers)
-        return [self._everywhere[number] or one for number, one in zip(numbers, found, strict=True)]
-
-    def _within(
-        self, numbers: list[int], rows: slice, columns: slice
-    ) -> list[tuple[float, float] | None]:
-        """The same in some rows and columns of blocks."""
-        lowest, highest = (x[:, rows, columns] for x in (self._lowest, self._highest))
-        if not lowest.numel():
-            return [None] * len(numbers)
-        some = self._blocks[numbers, rows, columns][:, None]
-        low = torch.where(some, lowest, torch.inf).flatten(2).amin(2)
-        high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
-        same = (high - low).amax(1) <= _SAME
-        same &= low[:, 0] < torch.inf  # it is there
-        middle = ((low + high) / 2).tolist()
-        return [(x, y) if one else None for (x, y), one in zip(middle, same.tolist(), strict=True)]
+    So a plane has the same slope all over.
+    """
+    n, step = r.shape[dim], r.diff(dim=dim).detach().abs() > _STEP[0]
+    beside = torch.zeros_like(steep)
+    for k in (0, 1):
+        beside.narrow(dim, k, n - 1).logical_or_(step)
+    at = torch.nonzero((beside & steep).flatten()).flatten()
+    if not len(at):
+        return found
+    values, stride = r.flatten(), 1 if dim == -1 else r.shape[1]
+    place = at.div(stride, rounding_mode="floor") % n
+    here, before, after = (
+        values.index_select(0, at + stride * shift)
+        for shift in (0, -(place > 0).long(), (place < n - 1).long())
+    )
+    a, b = here - before, after - here
+    a, b = torch.where(place > 0, a, b), torch.where(place < n - 1, b, a)
+    least, most = _STEP
+    edge_a, edge_b = (((x.abs() - least) / (most - least)).clamp(0, 1) for x in (a, b))
+    own = _mean(torch.lerp(a, b, edge_a), torch.lerp(b, a, edge_b))
+    return found.flatten().index_copy(0, at, own).view(found.shape)
 
 
 def _many_around(mask: Tensor) -> Tensor:
@@ -141,4 +125,9 @@ def _limited(r: Tensor, dim: int) -> Tensor:
     steps = torch.cat([step.narrow(dim, 0, 1), step, step.narrow(dim, -1, 1)], dim)
     squares = steps * steps + _SMALL**2
     (a, b), (a2, b2) = ([x.narrow(dim, i, n) for i in (0, 1)] for x in (steps, squares))
+    return torch.addcmul(a * b2, b, a2) / (a2 + b2)
+
+
+def _mean(a: Tensor, b: Tensor) -> Tensor:
+    a2, b2 = (x * x + _SMALL**2 for x in (a, b))
     return torch.addcmul(a * b2, b, a2) / (a2 + b2)

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from defocus_core.halving import Axis, averaged
 from defocus_core.patches import Patch, patches
+from defocus_core.planes import Planes
 from defocus_core.points import Points
 from defocus_core.shifts import Shifts
 from defocus_core.slicing import membership
-from defocus_core.slopes import Planes
-from defocus_core.tiling import BLOCK, Box, Grid, block_ends, blocks_at, blocks_of, visible_slices
+from defocus_core.tiling import BLOCK, Box, Grid, blocks_at, blocks_of, visible_slices
 
 # Rows of samples that are averaged at once, of a wide slice and of a narrow one: few enough to
 # stay in a cache.
@@ -90,12 +90,12 @@ class Surface:
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes, self._planes = None, None
         if samples.slopes is not None:
-            lowest, highest = block_ends(samples.slopes.detach())
-            tilted = blocks & ((lowest < 0) | (highest > 0)).any(0)
+            planes = Planes(samples.slopes.detach(), samples.places.detach(), self._blocks)
+            tilted = blocks & planes.tilted.to(blocks.device)
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             self._slopes = self._framed(samples.slopes)
             if not samples.slopes.requires_grad:
-                self._planes = Planes(lowest.cpu(), highest.cpu(), self._blocks)
+                self._planes = planes
         self._layer = self._framed(samples.layer)
         self._places = self._framed(samples.places)
         self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)

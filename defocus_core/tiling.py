@@ -200,7 +200,7 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
     # of more than two slices, which of those in between?
     row, column = torch.nonzero(last - first > 1).unbind(1)
     if len(row):
-        cells = _blocks(places, BLOCK).movedim(-3, -2)[row, column].flatten(1)
+        cells = in_blocks(places, BLOCK).movedim(-3, -2)[row, column].flatten(1)
         some = torch.zeros((len(row), slices), dtype=torch.bool, device=places.device)
         some.scatter_(1, cells.floor().long(), True).scatter_(1, cells.ceil().long(), True)
         found[row, column] = some
@@ -209,11 +209,11 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
 
 def block_ends(values: Tensor, side: int = BLOCK) -> tuple[Tensor, Tensor]:
     """The least and the greatest [..., rows, columns] of values [..., H, W] in square blocks."""
-    blocks = _blocks(values, side)
+    blocks = in_blocks(values, side)
     return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
 
 
-def _blocks(values: Tensor, side: int) -> Tensor:
+def in_blocks(values: Tensor, side: int) -> Tensor:
     """Values [..., H, W] as [..., rows, side, columns, side]; the last ones are repeated."""
     *others, H, W = values.shape
     down, across = -H % side, -W % side

@@ -50,6 +50,7 @@ LAYERS = [
         "halving",
         "metrics",
         "patches",
+        "planes",
         "probes",
         "quality",
         "ranks",

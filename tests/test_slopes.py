@@ -5,8 +5,9 @@ import torch
 from measures import inner, psnr, worst
 
 from defocus_core import render
-from defocus_core.slopes import Planes, _many_around, slopes
-from defocus_core.tiling import Box, block_ends
+from defocus_core.planes import Planes
+from defocus_core.slopes import _many_around, slopes
+from defocus_core.tiling import Box
 
 SIZE = (40, 60)
 
@@ -28,13 +29,17 @@ def test_the_slope_of_a_plane_is_its_gradient(across: float, down: float) -> Non
 
 
 def test_an_edge_is_no_slope() -> None:
-    """Beside a step of 9 px a level surface is level, to 1e-3 px per px."""
+    """Beside a step of 9 px a level surface is level, and a tilted one as tilted as elsewhere."""
     radius = torch.zeros(SIZE, dtype=torch.float64)
     radius[:, 30:] = 9.0
     found = slopes(radius)
     assert found is not None
-    assert worst(found, 0.0) < 1e-3
+    assert worst(found, 0.0) < 1e-12
     assert slopes(radius, 0.01) is None
+    found = slopes(radius + ramp(0.2, -0.1))
+    assert found is not None
+    assert worst(found[0], 0.2) < 1e-12
+    assert worst(found[1], -0.1) < 1e-12
 
 
 def test_a_steep_line_is_left_out_and_a_steep_area_is_not() -> None:
@@ -94,7 +99,9 @@ def test_a_plane_has_one_slope_where_it_is_alone() -> None:
     lean[:, 40:, 64:] = 0.4
     blocks = torch.zeros(2, 4, 6, dtype=torch.bool)
     blocks[0, :2], blocks[1, 2:, 4:], blocks[1, 0, 0] = True, True, True
-    planes = Planes(*block_ends(lean), blocks)
+    places = torch.zeros(64, 96, dtype=torch.float64)
+    places[32:] = 1.0
+    planes = Planes(lean, places, blocks)
     first, second = planes.slopes([0, 1], Box(-8, -8, 80, 120))
     assert first == pytest.approx((0.2, -0.3))
     assert second is None
@@ -102,6 +109,21 @@ def test_a_plane_has_one_slope_where_it_is_alone() -> None:
     assert alone == pytest.approx((0.4, 0.4))
     assert planes.slopes([1], Box(200, 0, 16, 16)) == [None]
     assert planes.slopes([], Box(0, 0, 16, 16)) == []
+
+
+def test_a_floor_behind_wires_is_one_plane() -> None:
+    """In blocks of several slopes slices are asked for their own pixels."""
+    lean, places = torch.zeros(2, 64, 96, dtype=torch.float64), torch.zeros(64, 96).double()
+    lean[1], places[:] = 0.25, 3.5
+    lean[:, :, 20:24], places[:, 20:24] = 0.0, 1.0
+    blocks = torch.zeros(5, 4, 6, dtype=torch.bool)
+    blocks[3:5], blocks[1, :, 1] = True, True
+    everywhere = Box(0, 0, 64, 96)
+    assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [(0.0, 0.25)] * 2
+    lean[1, 5, 30] = 0.3  # beside a wire: of both of its slices
+    assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [None, None]
+    places[5, 30] = 4.0
+    assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [(0.0, 0.25), None]
 
 
 def test_enough_of_the_square_around_is_counted_to_the_pixel() -> None:
