@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from defocus_cli import report
-from defocus_cli.errors import UserError
+from defocus_cli.errors import SomeFailed, UserError
 from defocus_cli.job import MAP_KINDS, Job
 from defocus_cli.plan import Plan
 
@@ -24,14 +24,18 @@ def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
     """Say it of each job; of those that are to do, some are looked at.
 
     Raises:
-        InputError: an input cannot be used.
-        UsageProblem: the options make no sense for a picture or this machine.
+        SomeFailed: some of several would fail; why each would is said on stderr.
+        InputError: the input of the only one cannot be used.
+        UsageProblem: the options make no sense for it or for this machine.
     """
     from defocus_cli import forecast
 
     todo = [job for job, _ in plan.todo]
     done = {job for job, _ in plan.settled}
-    found = forecast.forecasts(todo) if todo else {}
+    unusable: list[UserError] = []
+    found = forecast.forecasts(todo, unusable.append if len(jobs) > 1 else None) if todo else {}
+    for error in unusable:
+        report.say(f"defocus: {error.format_message()}")
     by_job = {todo[number]: each for number, each in found.items()}
     looked_at = list(found.values())
     if as_json:
@@ -39,15 +43,17 @@ def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
         for job in jobs:
             told = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
             records.append({**report.plan_record(job), "done_before": job in done, **told})
-        whole = forecast.total(looked_at, len(todo)) if todo else None
-        report.print_json(dry_run=True, pictures=records, forecast=whole)
-        return
-    for job in jobs:
+        whole = forecast.total(looked_at, len(todo)) if looked_at else None
+        report.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
+    for job in () if as_json else jobs:
         click.echo(report.done_before_line(job) if job in done else report.plan_line(job))
         if job in by_job:
             click.echo(forecast.line(by_job[job]))
-    for line in forecast.total_lines(looked_at, len(todo)) if todo else ():
+    for line in forecast.total_lines(looked_at, len(todo)) if looked_at and not as_json else ():
         click.echo(line)
+    if unusable:
+        tried = len(found) + len(unusable)
+        raise SomeFailed(f"{len(unusable)} of {tried} pictures that were looked at would fail")
 
 
 def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:

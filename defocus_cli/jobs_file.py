@@ -94,7 +94,11 @@ def _outputs(found: Table, outputs: Outputs) -> Outputs:
         "exr_type": found.choice("exr-type", ("half", "float")),
         "preview": found.flag("preview"),
     }
-    return dataclasses.replace(outputs, **_told(given))
+    told = dataclasses.replace(outputs, **_told(given))
+    if given["exr_type"] is not None and told.format != "exr":
+        problem = f"says nothing about {told.format}"
+        raise UsageProblem(found.place("exr-type"), problem, 'leave it out, or use format = "exr"')
+    return told
 
 
 def _kinds(found: Table) -> tuple[str, ...] | None:

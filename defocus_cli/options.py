@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,7 @@ def output_options(command: Command) -> Command:
     option = functools.partial(_option, "Output")
     return _bundle(
         "outputs",
-        Outputs,
+        _outputs,
         [
             option(
                 "-o",
@@ -125,9 +126,7 @@ def output_options(command: Command) -> Command:
             option(
                 "--exr-type",
                 type=click.Choice(["half", "float"]),
-                default="half",
-                show_default=True,
-                help="Number type of the images' EXR.",
+                help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
             ),
             option(
                 "--preview",
@@ -137,6 +136,16 @@ def output_options(command: Command) -> Command:
             option("--overwrite", is_flag=True, help="Render again and replace what is there."),
         ],
     )(command)
+
+
+def _outputs(*, exr_type: str | None, **others: Any) -> Outputs:
+    outputs = Outputs(**others)
+    if exr_type is None:
+        return outputs
+    if outputs.format != "exr":
+        problem = f"says nothing about {outputs.format}"
+        raise UsageProblem("--exr-type", problem, "leave it out, or use --format exr")
+    return replace(outputs, exr_type=exr_type)
 
 
 def machine_options(command: Command) -> Command:

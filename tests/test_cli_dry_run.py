@@ -109,6 +109,22 @@ def test_a_dry_run_finds_what_cannot_be_rendered(tmp_path: Path) -> None:
     refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, str(depth))
 
 
+def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path: Path) -> None:
+    for k in range(4):
+        color, depth = pair(tmp_path, f"{k}")
+        if k in {1, 2}:
+            depth_exr(depth, -ramp())
+    ran = render(color.parent, depth.parent, "-o", tmp_path / "out", "--dry-run")
+    assert ran.code == 1
+    assert "3.exr" in ran.out
+    first, second, last = ran.err.splitlines()[-3:]
+    assert "1.exr: " in first
+    assert "2.exr: " in second
+    assert "2 of 4 pictures that were looked at would fail" in last
+    told = render(color.parent, depth.parent, "-o", tmp_path / "out", "--dry-run", "--json")
+    assert told.json["unusable"] == 2
+
+
 def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> Outcome:
     """A job, on a machine whose memory is 100 MB, that needs so much with some settings."""
     monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)

@@ -23,7 +23,6 @@ part = 1
 [outputs]
 kinds = ["render", "coc"]
 format = "jpeg"
-exr-type = "float"
 preview = true
 [machine]
 quality = "draft"
@@ -33,10 +32,10 @@ quality = "draft"
     assert job.lens == Lens(50.0, 2.0, 2000.0)
     assert job.reading == Reading("cm", "Z", "beauty", 1)
     kinds = ("render", "coc")
-    assert job.outputs == Outputs(
-        tmp_path / "o", kinds, "jpg", "float", preview=True, overwrite=True
-    )
+    assert job.outputs == Outputs(tmp_path / "o", kinds, "jpg", preview=True, overwrite=True)
     assert job.machine == Machine("draft", device="cpu", threads=3)
+    (job,) = jobs(tmp_path, FIXED + '[outputs]\nexr-type = "float"\n')
+    assert job.outputs.exr_type == "float"
 
 
 def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
@@ -88,6 +87,7 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         (FIXED + "[outputs]\nformat = 'gif'\n", r"\[outputs\] format: 'gif' is not known; choose"),
         (FIXED + "[outputs]\nformat = [1]\n", r"\[outputs\] format: '\[1\]' is not known"),
         (FIXED + "[outputs]\nexr-type = 'double'\n", r"exr-type: 'double' is not known"),
+        (FIXED + "[outputs]\nexr-type = 'half'\nformat = 'jpg'\n", r"exr-type: says nothing about"),
         (FIXED + "[outputs]\npreview = 1\n", r"preview: 1 is neither true nor false"),
         (FIXED + "[outputs]\nout = 'o'\n", r"\[outputs\]: unknown key 'out'"),
         (

@@ -70,3 +70,8 @@ def test_an_unknown_value_is_usage_and_names_the_known_ones(
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", option, value)
     refused(ran, 2, f"defocus: {option}: ", words)
     assert not (tmp_path / "out").exists()
+
+
+def test_the_number_type_of_exr_says_nothing_about_other_files(tmp_path: Path) -> None:
+    args = (*pair(tmp_path), "-o", tmp_path / "out", "--exr-type", "half")
+    refused(render(*args, "--format", "jpg"), 2, "--exr-type: says nothing about jpg; leave it out")
