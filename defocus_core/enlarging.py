@@ -57,16 +57,16 @@ class Enlarging:
         self._size = signed_radius.shape[0], signed_radius.shape[1]
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * frame.limit if frame.limit > 0 else -1.0
-        share = half_size(share_left, signed_radius, threads=threads)
-        self._of_cells, self._of_px = (image, share), (pixels, signed_radius)
+        self._of_px = (pixels, signed_radius)
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * share_left(radius)[None]])
 
+        share = half_size(share_left, signed_radius, threads=threads)
         if isinstance(image, Tensor) and isinstance(share, Tensor):
             self.cells: Pixels = torch.cat([image, unit * share[None]])
         else:
-            self.cells = HalfSize(merged, pixels, signed_radius)
+            self.cells = HalfSize(merged, *self._of_px)
 
     def enlarged(self, parts: Iterator[Finished]) -> Iterator[Finished]:
         """Tiles of px, of rendered cells; the last rows of these wait for the ones below them."""
@@ -95,8 +95,9 @@ class Enlarging:
         around = wide.grown(AROUND, self._frame.box)
         part, here = wide.seen_from(around), around._replace(top=around.top - cells.top)
         images, trust = here.of(cells.images), here.of(cells.trust)
-        own = (*map(around.of, self._of_cells), *map(self._px(wide).of, self._of_px))
-        given = Given(*(x.to(images.dtype) for x in own))
+        own = around.of(self.cells).to(images.dtype)
+        px = (self._px(wide).of(x).to(images.dtype) for x in self._of_px)
+        given = Given(own[:-1], own[-1] / self._unit, *px)
         images = with_detail(images[:, :-1], images[:, -1] / self._unit, given, part)
         if not self._frame.signed:
             images = images.clamp(min=0)

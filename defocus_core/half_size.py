@@ -23,7 +23,7 @@ _STEEP = 1.0
 # How many times as bright as the others together a pixel of a cell is that gives its radius.
 _BRIGHTER = 4.0
 # Cells that are kept in memory of a picture that is not.
-_HELD = 1 << 21
+_HELD = 1 << 24
 _EVEN = (False, False)
 
 Cut = slice | EllipsisType
