@@ -24,12 +24,8 @@ from defocus_cli.quantities import byte_count, pixel_count
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
-QUALITIES = (
-    "draft",
-    "standard",
-    "high",
-    "reference",
-)  # those of defocus_core, which takes seconds to import
+# Those of defocus_core, which takes seconds to import.
+QUALITIES = ("draft", "standard", "high", "reference")
 DEPTH_UNITS = ("mm", "cm", "m", "ft")
 DEVICES = ("auto", "cpu", "cuda")
 TILES = (16, 1 << 14)  # px; of defocus_core, too
@@ -140,12 +136,10 @@ def output_options(command: Command) -> Command:
 
 def _outputs(*, exr_type: str | None, **others: Any) -> Outputs:
     outputs = Outputs(**others)
-    if exr_type is None:
-        return outputs
-    if outputs.format != "exr":
+    if exr_type and outputs.format != "exr":
         problem = f"says nothing about {outputs.format}"
         raise UsageProblem("--exr-type", problem, "leave it out, or use --format exr")
-    return replace(outputs, exr_type=exr_type)
+    return replace(outputs, exr_type=exr_type or outputs.exr_type)
 
 
 def machine_options(command: Command) -> Command:

@@ -18,8 +18,8 @@ from defocus_cli.made import Loaded, Made, Outcome
 from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
-    from defocus_core.frame import Frame
     from defocus_core.hidden import Behind
+    from defocus_core.mending import Mending
     from defocus_core.stream import Rendered, Stream
 
 Progress = Callable[[int, int], None]
@@ -83,7 +83,7 @@ def rendered(
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
-        depth_mended=_mended(stream.frame),
+        depth_mended=_mended(stream.mending),
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
@@ -92,15 +92,15 @@ def rendered(
     return Made(done, loaded.color, radius, images.planes, images.clamped)
 
 
-def _mended(frame: Frame) -> str:
+def _mended(mending: Mending) -> str:
     """What was done to the depth before it was rendered; empty if nothing."""
     done = []
-    if frame.antialiased is not None:
-        of = "disparity" if math.isinf(frame.antialiased) else "distance"
+    if mending.antialiased is not None:
+        of = "disparity" if math.isinf(mending.antialiased) else "distance"
         done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    if frame.soft_edges:
+    if mending.soft_edges:
         done.append("its soft edges moved to where the colours have edges")
-    if frame.terraces:
+    if mending.terraces:
         done.append("of few levels, smoothed between them")
     return "; ".join(done)
 

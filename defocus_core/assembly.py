@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
 from itertools import count
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.antialiased import AROUND as AROUND_AVERAGES
-from defocus_core.antialiased import without_averages
 from defocus_core.backdrop import backdrop
 from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
-from defocus_core.mended import Mended
-from defocus_core.ramps import AROUND as AROUND_RAMPS
-from defocus_core.ramps import without_ramps
 from defocus_core.recomputed import recomputed, unrecorded
 from defocus_core.region import Region
-from defocus_core.soft_edges import AROUND as AROUND_SOFT_EDGES
-from defocus_core.soft_edges import with_hard_edges
 from defocus_core.source import Pixels
-from defocus_core.terraces import AROUND as AROUND_TERRACES
-from defocus_core.terraces import without_terraces
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box, Grid, regions
 
@@ -68,16 +58,7 @@ def finished(
         progress: As for `render`.
     """
     beyond, given = None, signed_radius
-    if frame.antialiased is not None:
-        mend = partial(without_averages, infinity=frame.antialiased)
-        signed_radius = Mended(signed_radius, mend, AROUND_AVERAGES)
-    elif frame.soft_edges:
-        mend = partial(with_hard_edges, steep=frame.soft_edges)
-        signed_radius = Mended(signed_radius, mend, AROUND_SOFT_EDGES, pixels)
-    elif frame.ramps:
-        signed_radius = Mended(signed_radius, without_ramps, AROUND_RAMPS)
-    if frame.terraces:
-        signed_radius = Mended(signed_radius, without_terraces, AROUND_TERRACES)
+    signed_radius = frame.mending.mended(signed_radius, pixels)
     if frame.edges:
         beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads, frame.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]

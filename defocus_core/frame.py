@@ -11,6 +11,7 @@ from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
 from defocus_core.convolution import reach
 from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
+from defocus_core.mending import Mending
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP, evenly, layers, rungs
 from defocus_core.source import Pixels, banded
@@ -69,11 +70,7 @@ class Frame:
         known: How what is known to be hidden is blurred.
         invented: How what is invented is.
         edges: Whether surfaces hide others.
-        antialiased: Of what pixels of edges are averages, as for `without_averages`; None if they
-            are not.
-        ramps: Whether some edges are ramps.
-        soft_edges: Slope in px per px of soft edges, several px wide; None if there are none.
-        terraces: Whether depth has but few levels.
+        mending: What is mended of depth.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
         sharp: Radius in px up to which pixels are in focus; None where slices were asked for.
@@ -99,10 +96,7 @@ class Frame:
     known: FillSlices
     invented: FillSlices
     edges: bool
-    antialiased: float | None
-    ramps: bool
-    soft_edges: float | None
-    terraces: bool
+    mending: Mending
     tilted: bool
     margin: int
     sharp: float | None
@@ -156,7 +150,7 @@ def frame_of(
     limit = threshold(seen.brightness, seen.brightest)
     dtype = torch.float64 if _needs_double(seen, limit) else dtype
     grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
-    edges = max(seen.steepest) > 1 or seen.antialiased is not None
+    edges = max(seen.steepest) > 1 or seen.mending.antialiased is not None
     halvings = 0 if num_layers or not edges else quality.hidden_halvings
     spreads = _spreads(radii, numbers, quality, (H, W), 0)
     coarse = _spreads(radii, numbers, quality, (H, W), halvings)
@@ -215,10 +209,7 @@ def frame_of(
         known=filling(1, 0, spreads, reaches),
         invented=filling(stride, halvings, coarse, invented),
         edges=edges,
-        antialiased=seen.antialiased,
-        ramps=seen.ramps,
-        soft_edges=seen.soft_edges,
-        terraces=seen.terraces,
+        mending=seen.mending,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
         sharp=None if num_layers else SHARP,

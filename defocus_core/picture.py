@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 
 import torch
 
@@ -12,9 +14,11 @@ from defocus_core.enlarging import Enlarging
 from defocus_core.frame import frame_of
 from defocus_core.half_size import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.hidden import Behind
+from defocus_core.mending import Mending
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP
 from defocus_core.source import Pixels, banded
+from defocus_core.survey import survey
 
 
 class Picture:
@@ -26,6 +30,7 @@ class Picture:
         frame: What is rendered, in px or in cells.
         image: [C, h, w] of that; in cells, with one channel more.
         signed_radius: [h, w] of that, in px or in cells.
+        mending: What was mended of depth.
     """
 
     def __init__(
@@ -48,34 +53,43 @@ class Picture:
         Raises:
             ValueError: If a value is not finite, or a CoC does not fit psf_ks.
         """
-        given, self._threads = (image, signed_radius), threads
+        self._threads, self._hidden = threads, hidden
         self.size = signed_radius.shape[0], signed_radius.shape[1]
-        exact = num_layers is not None or psf_ks is not None
-        self.at_half_size = quality.half_size and not exact and _is_blurred(signed_radius)
-        if self.at_half_size:
-            quality = quality.in_cells()
-            signed_radius = half_size(radii_in_cells, *given[::-1], threads=threads)
-            image = half_size(means, image, threads=threads)
-            hidden = None if hidden is None else behind_at_half_size(hidden, threads)
-            infinity = None if infinity is None else infinity / 2
-        self.frame = frame_of(
-            image,
-            signed_radius,
+        looked_at = partial(
+            frame_of,
             aperture=aperture,
-            quality=quality,
             left_right=left_right,
             num_layers=num_layers,
             psf_ks=psf_ks,
-            hidden=hidden,
             threads=threads,
             tile=tile,
-            infinity=infinity,
         )
-        self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
+        exact = num_layers is not None or psf_ks is not None
+        self.at_half_size = quality.half_size and not exact and _is_blurred(signed_radius)
         self._enlarging: Enlarging | None = None
-        if self.at_half_size:
-            self._enlarging = Enlarging(self.frame, image, *given, threads=threads)
-            self.image = self._enlarging.cells
+        if not self.at_half_size:
+            self.image, self.signed_radius = image, signed_radius
+            self.frame = looked_at(
+                image, signed_radius, quality=quality, hidden=hidden, infinity=infinity
+            )
+            self.mending = self.frame.mending
+            return
+        if hidden is not None:
+            self._hidden = behind_at_half_size(hidden, threads)
+        looked_at = partial(looked_at, quality=quality.in_cells(), hidden=self._hidden)
+        cells = half_size(means, image, threads=threads)
+        radii = half_size(radii_in_cells, signed_radius, image, threads=threads)
+        farthest = None if infinity is None else infinity / 2
+        self.frame = looked_at(cells, radii, infinity=farthest)
+        self.mending = self.frame.mending
+        if self.mending.is_told:  # pixels know better
+            self.mending = survey(image, signed_radius, self.frame.dtype, threads, infinity).mending
+            mended = self.mending.mended(signed_radius, image)
+            radii = half_size(radii_in_cells, mended, image, threads=threads)
+            frame = looked_at(cells, radii, infinity=farthest)
+            self.frame = replace(frame, mending=Mending(ramps=frame.mending.ramps))
+        self._enlarging = Enlarging(self.frame, cells, image, signed_radius, threads=threads)
+        self.image, self.signed_radius = self._enlarging.cells, radii
 
     def parts(
         self,

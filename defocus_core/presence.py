@@ -157,10 +157,10 @@ class Presence:
         step = _step(H * W)
         rows, self.edges = [], 0
         for strip, inner in _strips(signed_radius) if frame.edges else ():
-            if frame.antialiased is None:
+            if frame.mending.antialiased is None:
                 steps = without_ramps(strip)
             else:
-                steps = without_averages(strip, frame.antialiased)
+                steps = without_averages(strip, frame.mending.antialiased)
             least, most = (
                 extreme_around(steps[inner], 1, end) for end in (torch.minimum, torch.maximum)
             )

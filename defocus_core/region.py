@@ -165,7 +165,7 @@ class Region:
         observed = seen[0][:, -1].clone()
         if self._invented:
             most: list[Tensor | float] = full
-            if frame.terraces:
+            if frame.mending.terraces:
                 doubt = _DOUBT * frame.quality.least_slope
                 most = [filled_up_to(*pair, doubt) for pair in zip(seen, full, strict=True)]
             seen = self._filled(seen, self._invented, index, most)

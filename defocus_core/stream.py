@@ -15,6 +15,7 @@ from defocus_core.aperture import Aperture
 from defocus_core.assembly import total
 from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
+from defocus_core.mending import Mending
 from defocus_core.picture import Picture
 from defocus_core.quality import find
 from defocus_core.source import Pixels
@@ -46,6 +47,7 @@ class Stream:
     Attributes:
         size: (height, width) in px.
         frame: What holds for the whole picture, at the size at which it is rendered.
+        mending: What was mended of its depth.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Stream:
             )
         self.size: tuple[int, int] = self._picture.size
         self.frame: Frame = self._picture.frame
+        self.mending: Mending = self._picture.mending
 
     def regions(self, at_once: int | None = None) -> Iterator[Rendered]:
         """Compute them.

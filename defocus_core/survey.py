@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.antialiased import EVERY, averaged_from, averages
+from defocus_core.mending import Mending
 from defocus_core.ramps import STEEP, steepness
 from defocus_core.ranks import Ranks, counted
 from defocus_core.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
@@ -47,12 +48,7 @@ class Survey(NamedTuple):
         least: Signed radius in px.
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
-        antialiased: Where pixels of edges are averages of distance, the signed radius in px of
-            what is infinitely far, where of disparity, infinity; None where they are not.
-        ramps: Whether ramps of depth are to be made steps.
-        soft_edges: Slope in px per px of edges that are soft, to be put where colours have theirs;
-            None where most are hard.
-        terraces: Whether small steps are to be made slopes.
+        mending: What depth needs.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
         brightness: Of all pixels.
@@ -63,10 +59,7 @@ class Survey(NamedTuple):
     least: float
     most: float
     steepest: tuple[float, float]
-    antialiased: float | None
-    ramps: bool
-    soft_edges: float | None
-    terraces: bool
+    mending: Mending
     darkest: float
     brightest: float
     brightness: Ranks
@@ -150,10 +143,12 @@ def survey(
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
-        antialiased=antialiased,
-        ramps=steepest > STEEP,
-        soft_edges=soft_edges if soft and antialiased is None else None,
-        terraces=are_few([band.levels for band in told]),
+        mending=Mending(
+            antialiased=antialiased,
+            ramps=steepest > STEEP,
+            soft_edges=soft_edges if soft and antialiased is None else None,
+            terraces=are_few([band.levels for band in told]),
+        ),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
         brightness=Ranks(brightness, brightness_again, dtype),

@@ -54,7 +54,9 @@ def sampled() -> Tensor:
 
 
 def told(radius: Tensor, infinity: float | None = INFINITY) -> float | None:
-    return survey(torch.rand(3, *radius.shape), radius, radius.dtype, 1, infinity).antialiased
+    return survey(
+        torch.rand(3, *radius.shape), radius, radius.dtype, 1, infinity
+    ).mending.antialiased
 
 
 def beside_edges(radius: Tensor) -> Tensor:

@@ -30,7 +30,8 @@ LAYERS = [
     {"borders", "reduced"},
     {"hidden", "highlights", "surface", "windows"},
     {"backdrop", "shifts", "survey"},
-    {"continuation", "soft_edges", "transport", "view"},
+    {"continuation", "mending", "transport", "view"},
+    {"soft_edges"},
     {
         "antialiased",
         "compositing",

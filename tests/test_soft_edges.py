@@ -144,9 +144,9 @@ def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
 
 def told(radius: Tensor) -> bool:
     seen = survey(torch.rand(3, *radius.shape), radius, torch.float64, 1)
-    if seen.soft_edges is not None:
-        assert seen.soft_edges == slope_of_soft_edges(seen.least, seen.most)
-    return seen.soft_edges is not None
+    if seen.mending.soft_edges is not None:
+        assert seen.mending.soft_edges == slope_of_soft_edges(seen.least, seen.most)
+    return seen.mending.soft_edges is not None
 
 
 @pytest.mark.parametrize("range_px", [20.0, 40.0, 80.0])

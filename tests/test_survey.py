@@ -38,10 +38,10 @@ def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
 def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 4.0
-    assert not survey(noise(3, *SIZE), radius, torch.float32, 1).ramps
+    assert not survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
     radius[row, 5] = 2.0  # in two steps
-    assert survey(noise(3, *SIZE), radius, torch.float32, 1).ramps
-    assert survey(noise(3, *SIZE[::-1]), radius.T, torch.float32, 2).ramps
+    assert survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
+    assert survey(noise(3, *SIZE[::-1]), radius.T, torch.float32, 2).mending.ramps
 
 
 def test_brightness_is_that_of_the_brightest_channel() -> None:

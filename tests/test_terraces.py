@@ -29,7 +29,7 @@ def in_levels(radius: Tensor, count: int = LEVELS) -> Tensor:
 
 
 def seen(radius: Tensor) -> bool:
-    return survey(torch.rand(3, *radius.shape), radius, radius.dtype, 1).terraces
+    return survey(torch.rand(3, *radius.shape), radius, radius.dtype, 1).mending.terraces
 
 
 def cards() -> Tensor:
