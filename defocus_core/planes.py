@@ -24,7 +24,14 @@ class Planes:
         tilted: [rows, columns] bool, blocks in which something has a slope, on the CPU.
     """
 
-    def __init__(self, slopes: Tensor, places: Tensor, blocks: Tensor, side: int = BLOCK) -> None:
+    def __init__(
+        self,
+        slopes: Tensor,
+        places: Tensor,
+        blocks: Tensor,
+        side: int = BLOCK,
+        level: Tensor | None = None,
+    ) -> None:
         """Look for slices that are planes.
 
         Args:
@@ -32,6 +39,7 @@ class Planes:
             places: [H, W] positions on the ladder.
             blocks: [K, rows, columns] bool, where slices are, on the CPU.
             side: Px of a block of these slopes.
+            level: [K, rows, columns] bool, where slices have further samples, which have no slope.
         """
         lowest, highest = block_ends(slopes, side)
         mixed = (highest - lowest).amax(0) > _SAME
@@ -44,6 +52,8 @@ class Planes:
         if bool(mixed.any()):
             self._alone = torch.zeros_like(blocks)
             self._alone[:, mixed] = self._fitting(slopes, places, mixed, side).cpu()
+            if level is not None:
+                self._alone &= ~level.cpu()
         self._everywhere = self._within(*everywhere)
 
     def _fitting(self, slopes: Tensor, places: Tensor, mixed: Tensor, side: int) -> Tensor:

@@ -83,14 +83,18 @@ class Surface:
         exists = samples.layer[-1].detach() > 0
         count = len(reaches)
         blocks = blocks_of(samples.places, count, None if bool(exists.all()) else exists)
+        extra = None
         if len(samples.at):
-            blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
+            extra = blocks_at(samples.extra_places, samples.at, count, (H, W))
+            blocks |= extra
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._samples, self._blocks = samples, blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes, self._planes = None, None
         if samples.slopes is not None:
-            planes = Planes(samples.slopes.detach(), samples.places.detach(), self._blocks)
+            planes = Planes(
+                samples.slopes.detach(), samples.places.detach(), self._blocks, level=extra
+            )
             tilted = blocks & planes.tilted.to(blocks.device)
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             self._slopes = self._framed(samples.slopes)

@@ -120,6 +120,10 @@ def test_a_floor_behind_wires_is_one_plane() -> None:
     blocks[3:5], blocks[1, :, 1] = True, True
     everywhere = Box(0, 0, 64, 96)
     assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [(0.0, 0.25)] * 2
+    level = torch.zeros_like(blocks)
+    level[4, 2, 1] = True  # a part of a wire's pixel, that has no slope
+    with_parts = Planes(lean, places, blocks, level=level)
+    assert with_parts.slopes([3, 4], everywhere) == [(0.0, 0.25), None]
     lean[1, 5, 30] = 0.3  # beside a wire: of both of its slices
     assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [None, None]
     places[5, 30] = 4.0
