@@ -23,7 +23,7 @@ _STEEP = 1.0
 # How many times as bright as the others together a pixel of a cell is that gives its radius.
 _BRIGHTER = 4.0
 # Cells that are kept in memory of a picture that is not.
-_HELD = 1 << 24
+_HELD = 1 << 22
 _EVEN = (False, False)
 
 Cut = slice | EllipsisType
@@ -47,13 +47,21 @@ class HalfSize:
         self.dtype, self.device = first.dtype, first.device
 
     def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
-        """What slices of rows, or of rows and columns, cut."""
+        """What slices of rows, or of rows and columns, cut; with steps, band by band."""
         cuts = [cut for cut in _all(window) if isinstance(cut, slice)]
         cuts += [slice(None)] * (2 - len(cuts))
-        down, across = (
-            slice(2 * first, 2 * max(end, first))
-            for first, end, _ in map(slice.indices, cuts, self._size)
+        (top, below, step), (left, beside, stride) = map(slice.indices, cuts, self._size)
+        if step == stride == 1:
+            return self._cells((top, below), (left, beside))
+        rows = bands(*self._size)[0][1] // step * step or step
+        some = (
+            self._cells((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
         )
+        return torch.cat([cells[..., ::step, ::stride] for cells in some], -2)
+
+    def _cells(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """Those from the first to before the end."""
+        down, across = (slice(2 * first, 2 * max(end, first)) for first, end in (rows, columns))
         return self._merge(*(_evened(x[..., down, across]) for x in self._pictures))
 
     def at_once(self, threads: int) -> Tensor:

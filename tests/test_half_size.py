@@ -82,6 +82,8 @@ def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     assert torch.equal(cells[..., 3:9, 2:17], whole[..., 3:9, 2:17])
     assert torch.equal(cells[..., 8:20, :], whole[..., 8:20, :])
     assert torch.equal(cells[2:5], whole[:, 2:5])
+    assert torch.equal(cells[1:10:4, ::2], whole[:, 1:10:4, ::2])
+    assert torch.equal(cells[::8, 3::8], whole[:, ::8, 3::8])
 
 
 def test_gradients_reach_the_pixels_of_the_surface() -> None:
