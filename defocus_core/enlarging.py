@@ -18,6 +18,7 @@ from defocus_core.compositing import pair_of
 from defocus_core.detail import AROUND, Given, share_left, smooth, with_detail
 from defocus_core.frame import Frame
 from defocus_core.half_size import HalfSize, half_size, means
+from defocus_core.recomputed import recomputed
 from defocus_core.source import Pixels
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
@@ -26,8 +27,6 @@ _PX = 2  # of a cell, on a side
 # What stands for all detail of a cell beside its colours, as a share of what counts as a highlight:
 # so little that it does not tell surfaces apart.
 _UNIT = 2.0**-12
-
-
 # Height and width in cells of tiles that are enlarged.
 _TILE = (32, 512)
 # Cells around a tile that decide what its px are.
@@ -84,7 +83,7 @@ class Enlarging:
                 for top in range(done, ready, _TILE[0])
                 for left in range(0, width, _TILE[1])
             ]
-            for part in threaded(partial(self._tile, cells), tiles, self._threads):
+            for part in threaded(recomputed(partial(self._tile, cells)), tiles, self._threads):
                 yield part._replace(counts=counts)
                 counts = {}
             done, kept = ready, [cells.rows(ready - _AROUND, cells.end)]
