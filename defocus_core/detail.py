@@ -164,7 +164,7 @@ def _ends(cells: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def smooth(cells: Tensor, part: Box) -> Tensor:
-    """The same, never beyond the cells beside them, but of [N, C, ...] and with other means."""
+    """Px [N, C, 2 h, 2 w] of a part of cells [N, C, ...], never beyond those beside them."""
     px = interpolate(cells, scale_factor=2, mode="bilinear", align_corners=False)
     return Box(*(2 * n for n in part)).of(px)
 

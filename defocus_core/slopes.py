@@ -79,7 +79,8 @@ def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
     a, b = torch.where(place > 0, a, b), torch.where(place < n - 1, b, a)
     least, most = _STEP
     edge_a, edge_b = (((x.abs() - least) / (most - least)).clamp(0, 1) for x in (a, b))
-    own = _mean(torch.lerp(a, b, edge_a), torch.lerp(b, a, edge_b))
+    a, b = torch.lerp(a, b, edge_a), torch.lerp(b, a, edge_b)
+    own = _mean((a, b), (_weights(a), _weights(b)))
     return found.flatten().index_copy(0, at, own).view(found.shape)
 
 
@@ -123,11 +124,15 @@ def _limited(r: Tensor, dim: int) -> Tensor:
         return torch.zeros_like(r)
     n, step = r.shape[dim], r.diff(dim=dim)
     steps = torch.cat([step.narrow(dim, 0, 1), step, step.narrow(dim, -1, 1)], dim)
-    squares = steps * steps + _SMALL**2
-    (a, b), (a2, b2) = ([x.narrow(dim, i, n) for i in (0, 1)] for x in (steps, squares))
-    return torch.addcmul(a * b2, b, a2) / (a2 + b2)
+    pairs = ((x.narrow(dim, 0, n), x.narrow(dim, 1, n)) for x in (steps, _weights(steps)))
+    return _mean(*pairs)
 
 
-def _mean(a: Tensor, b: Tensor) -> Tensor:
-    a2, b2 = (x * x + _SMALL**2 for x in (a, b))
+def _weights(steps: Tensor) -> Tensor:
+    return steps * steps + _SMALL**2
+
+
+def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:
+    """Of two differences each counts as much as the other one weighs."""
+    (a, b), (a2, b2) = steps, weights
     return torch.addcmul(a * b2, b, a2) / (a2 + b2)
