@@ -15,6 +15,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
+from defocus_core.outline import areas
+
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
 
 
@@ -70,8 +72,6 @@ RIGHT = Part(x0=0.0)
 
 # Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
 _LEAST_RADIUS = 1e-6
-# A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
-_LEVEL_SLOPE = 1e-6
 # Cuts between sixteen parts, along both axes; the outer cells of a disc are then about as large.
 _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
 # The least share of the pupil that is a part.
@@ -118,7 +118,9 @@ def kernel(
     r = torch.where(r.abs() < _LEAST_RADIUS, _LEAST_RADIUS, r)
     corners = torch.arange(size + 1, dtype=r.dtype, device=r.device) - size / 2
     u = corners / r[..., None]  # [..., size + 1], descending where r < 0
-    shares = _areas(aperture, u.clamp(part.x0, part.x1), u.clamp(part.y0, part.y1))
+    shares = areas(
+        aperture.blades, aperture.rotation, u.clamp(part.x0, part.x1), u.clamp(part.y0, part.y1)
+    )
     if aperture.psf_type == "gaussian":
         shares = shares * _profile(u)
         shares = shares / shares.sum((-2, -1), keepdim=True)
@@ -208,7 +210,9 @@ def _weight(aperture: Aperture, part: Part) -> float:
     """Area of the part times the profile, in units of the lens radius squared."""
     u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64)
     u = u / _WEIGHING_RADIUS
-    shares = _areas(aperture, u.clamp(part.x0, part.x1), u.clamp(part.y0, part.y1))
+    shares = areas(
+        aperture.blades, aperture.rotation, u.clamp(part.x0, part.x1), u.clamp(part.y0, part.y1)
+    )
     return float((shares * _profile(u)).sum())
 
 
@@ -224,77 +228,5 @@ def _profile(u: Tensor) -> Tensor:
 
 
 def _areas(aperture: Aperture, x: Tensor, y: Tensor) -> Tensor:
-    """Areas of the pupil between consecutive x and consecutive y, all within [-1, 1].
-
-    Args:
-        aperture: The pupil.
-        x: [..., n], ascending or descending together with y.
-        y: [..., m].
-
-    Returns:
-        [..., m - 1, n - 1] in units of the lens radius squared.
-    """
-    x, y = x[..., None, :], y[..., :, None]
-    below = _polygon_area(aperture, x, y) if aperture.blades else _disc_area(x, y)
-    return below.diff(dim=-1).diff(dim=-2).clamp(min=0)  # rounding leaves ±1e-16 outside
-
-
-def _disc_area(x: Tensor, y: Tensor) -> Tensor:
-    """G of the unit disc, up to terms in x alone or y alone, which the differences remove.
-
-    G is the integral over x' <= x of clip(y, -h, h) with h = sqrt(1 - x'²); it follows the rim
-    for |x'| beyond a = sqrt(1 - y²) and is level between.
-    """
-    a = _half_chord(y)
-    rim, rim_at_a = _half_disc_area(x), _half_disc_area(a)
-    along_rim = torch.minimum(rim, math.pi / 2 - rim_at_a) + torch.maximum(rim, rim_at_a)
-    return y.sign() * along_rim + y * torch.maximum(torch.minimum(x, a), -a)
-
-
-def _half_disc_area(x: Tensor) -> Tensor:
-    """Integral of sqrt(1 - t²) from -1 to x."""
-    h = _half_chord(x)
-    return (x * h + torch.atan2(x, h) + math.pi / 2) / 2
-
-
-def _half_chord(x: Tensor) -> Tensor:
-    """sqrt(1 - x²), with gradient 0 instead of infinity at |x| = 1."""
-    squared = 1 - x * x
-    inside = squared > 0
-    return torch.where(inside, torch.where(inside, squared, 1.0).sqrt(), 0.0)
-
-
-def _polygon_area(aperture: Aperture, x: Tensor, y: Tensor) -> Tensor:
-    """G of the polygon, up to terms in x alone or y alone, which the differences remove.
-
-    Green's theorem: the sum over edges of the integral of min(y, edge height) up to x, taken
-    positive on the edges that bound the polygon at large y.
-    """
-    total: Tensor | None = None
-    width = torch.zeros_like(x)  # what multiplies y
-    for sign, left, right, height, slope in _edges(aperture.blades, aperture.rotation):
-        reach = x.clamp(left, right)
-        width = width + sign * reach
-        if abs(slope) < _LEVEL_SLOPE:
-            middle = height + slope * (right - left) / 2
-            term = sign * reach * (middle - y).clamp(max=0)
-        else:
-            drop = (height + slope * (reach - left) - y).clamp(max=0)
-            term = drop * drop * (sign / (2 * slope))
-        total = term if total is None else total + term
-    assert total is not None
-    return total + width * y
-
-
-@lru_cache(maxsize=64)
-def _edges(blades: int, rotation: float) -> tuple[tuple[float, float, float, float, float], ...]:
-    """Edges that are not vertical: (sign, left x, right x, y at the left, slope)."""
-    angles = [math.radians(rotation + 360.0 * k / blades) for k in range(blades)]
-    vertices = [(math.cos(a), -math.sin(a)) for a in angles]
-    edges = []
-    for start, end in zip(vertices, vertices[1:] + vertices[:1], strict=True):
-        (x0, y0), (x1, y1) = sorted((start, end))
-        if x1 - x0 > 1e-12:
-            sign = 1.0 if end[0] > start[0] else -1.0
-            edges.append((sign, x0, x1, y0, (y1 - y0) / (x1 - x0)))
-    return tuple(edges)
+    """Areas [..., m - 1, n - 1] of the pupil between x [..., n] and y [..., m], within [-1, 1]."""
+    return areas(aperture.blades, aperture.rotation, x, y)

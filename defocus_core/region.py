@@ -21,11 +21,12 @@ from defocus_core.compositing import (
     picture,
     share_behind,
 )
+from defocus_core.discs import draw
 from defocus_core.filling import Filling
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes
 from defocus_core.hidden import Behind, HiddenLayer, hidden_layer, told_apart
-from defocus_core.highlights import draw, split
+from defocus_core.highlights import split
 from defocus_core.mixed import Unmixed, unmixed, whole
 from defocus_core.shifts import AROUND as AROUND_SHIFTS
 from defocus_core.shifts import Shifts
@@ -112,14 +113,10 @@ class Region:
                 self._invented = self._filling(hidden, frame.invented)
         self._highlights = None
         if highlights:
+            places = position(signed_radius, frame.radii)
+            aperture, parts, box = frame.aperture, frame.parts, core.seen_from(outer)
             self._highlights = draw(
-                highlights,
-                signed_radius,
-                position(signed_radius, frame.radii),
-                frame.radii,
-                frame.aperture,
-                frame.parts,
-                core.seen_from(outer),
+                highlights, signed_radius, places, frame.radii, aperture, parts, box
             )
 
     def _in_front(self, own: Unmixed, signed_radius: Tensor) -> Sliced:

@@ -28,10 +28,10 @@ LAYERS = [
     {"half_size"},
     {"blur", "frame"},
     {"borders", "reduced"},
-    {"hidden", "highlights", "surface", "windows"},
+    {"discs", "hidden", "surface", "windows"},
     {"backdrop", "shifts", "survey"},
     {"continuation", "mending", "transport", "view"},
-    {"soft_edges"},
+    {"highlights", "obstruction", "soft_edges"},
     {
         "antialiased",
         "compositing",
@@ -61,7 +61,7 @@ LAYERS = [
         "slopes",
         "threads",
     },
-    {"tiling"},
+    {"outline", "tiling"},
     {"source", "spans"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

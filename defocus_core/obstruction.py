@@ -1,0 +1,192 @@
+"""What of the light of single pixels is stopped by surfaces before them.
+
+Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
+radius r_k in front of it at q + u (r_q - r_k). Squares of a disc before which nothing can stand
+are not looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.tiling import BLOCK, blocks_of
+
+# How much nearer, in px of radius and as a share of it, a surface must be to stand before a light.
+_BEFORE = (1.5, 0.15)
+# Samples looked at at once: bounds memory.
+_SAMPLES = 1 << 17
+
+
+class Squares(NamedTuple):
+    """How discs are cut into squares, as many along both axes.
+
+    Attributes:
+        extent: Px from the middle of a disc to its farthest pixel.
+        across: Squares on a side.
+        side: Px on a side of a square.
+    """
+
+    extent: int
+    across: int
+    side: int
+
+    @classmethod
+    def of(cls, extent: int) -> Squares:
+        """Squares of a block at most."""
+        count = -(-(2 * extent + 1) // BLOCK)
+        return cls(extent, count, -(-(2 * extent + 1) // count))
+
+    def cut(self, values: Tensor) -> Tensor:
+        """Those of discs [U, S, S], with zeros beyond: [U, across, across, side, side]."""
+        beyond = self.across * self.side - values.shape[-1]
+        whole = pad(values, (0, beyond, 0, beyond))
+        return whole.reshape(-1, self.across, self.side, self.across, self.side).movedim(3, 2)
+
+    def corners(self, row: Tensor, column: Tensor) -> Tensor:
+        """Px from the middle of a disc to the first pixel of squares [n]: [n, 2]."""
+        return torch.stack([row, column], 1) * self.side - self.extent
+
+
+class Stopped(NamedTuple):
+    """Squares of discs that are stopped in part.
+
+    Attributes:
+        light: [n] whose disc it is.
+        row: [n] of the square.
+        column: [n] of the square.
+        share: [n, side, side] in [0, 1], what does not come through.
+    """
+
+    light: Tensor
+    row: Tensor
+    column: Tensor
+    share: Tensor
+
+
+class _Lights(NamedTuple):
+    """Lights, and the slices that may stand before them.
+
+    Attributes:
+        at: [n, 2] rows and columns.
+        limit: [n] px, radii below which a surface stands before each.
+        before: [n, k] bool, whether slices do.
+        scale: [n, k] px in a slice per px in the disc.
+    """
+
+    at: Tensor
+    limit: Tensor
+    before: Tensor
+    scale: Tensor
+
+    def some(self, which: Tensor | slice) -> _Lights:
+        """Some of them."""
+        return _Lights(*(values[which] for values in self))
+
+
+class Obstruction:
+    """Surfaces before lights."""
+
+    def __init__(self, signed_radius: Tensor, places: Tensor, radii: tuple[float, ...]) -> None:
+        """Find which blocks hold pixels of which slices.
+
+        Args:
+            signed_radius: [H, W] px.
+            places: [H, W] positions on the ladder.
+            radii: The ladder.
+        """
+        self._signed_radius, self._places, self._radii = signed_radius, places, radii
+        blocks = blocks_of(places, len(radii))
+        self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
+
+    def stopped(
+        self, at: Tensor, radius: Tensor, squares: Squares, wanted: Tensor
+    ) -> Iterator[Stopped]:
+        """Squares of the discs of lights that are stopped in part.
+
+        Args:
+            at: [n, 2] rows and columns.
+            radius: [n] px.
+            squares: How discs are cut.
+            wanted: [n, across, across] bool, squares that are asked for.
+        """
+        rungs, lights = self._lights(at, radius)
+        if not len(rungs):
+            return
+        few = max(1, _SAMPLES // (len(rungs) * squares.across**2))
+        for start in range(0, len(at), few):
+            some = lights.some(slice(start, start + few))
+            met = self._met(some, rungs, squares) & wanted[start : start + few, None]
+            where = torch.nonzero(met.any(1))  # [m, 3]
+            for found in torch.split(where, max(1, _SAMPLES // squares.side**2)):
+                light, row, column = found.unbind(1)
+                corner, slices = squares.corners(row, column), met[light, :, row, column]
+                share = self._share(some.some(light), rungs, slices, corner, squares.side)
+                yield Stopped(light + start, row, column, share)
+
+    def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
+        """Rungs [k] that stand before any of some lights, and these."""
+        nearest = torch.full_like(radius, _BEFORE[0])
+        limit = radius - torch.maximum(nearest, _BEFORE[1] * radius.abs())
+        radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
+        before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
+        rungs = torch.nonzero(before.any(0))[:, 0]
+        r = radius[:, None]  # where it is 0 only the pixel itself is drawn
+        scale = torch.where(r.abs() > 0.5, 1 - radii[rungs] / r, 1.0)
+        return rungs, _Lights(at, limit, before[:, rungs], scale)
+
+    def _met(self, lights: _Lights, rungs: Tensor, squares: Squares) -> Tensor:
+        """Whether slices are in blocks before squares of discs: [n, k, across, across] bool."""
+        first = torch.arange(squares.across, device=rungs.device) * squares.side - squares.extent
+        last = (first + squares.side - 1).clamp(max=squares.extent)
+        ends = []
+        for axis, length in enumerate(self._places.shape):
+            at = lights.at[:, axis, None, None]
+            one, other = (at + lights.scale[:, :, None] * x for x in (first, last))
+            low, high = torch.minimum(one, other), torch.maximum(one, other)
+            low, high = (_pixel(x, length).div(BLOCK, rounding_mode="floor") for x in (low, high))
+            ends.append((low, high + 1))
+        (top, below), (left, beside) = ends
+        columns, sums = self._sums.shape[2], self._sums.flatten()
+        plane = (rungs * self._sums[0].numel())[:, None, None]
+
+        def corner(y: Tensor, x: Tensor) -> Tensor:
+            return sums[plane + y[..., :, None] * columns + x[..., None, :]]
+
+        inside = corner(below, beside) - corner(top, beside)
+        inside = inside - corner(below, left) + corner(top, left)
+        return (inside > 0) & lights.before[..., None, None]
+
+    def _share(
+        self, lights: _Lights, rungs: Tensor, slices: Tensor, corner: Tensor, side: int
+    ) -> Tensor:
+        """What does not come through squares of discs: [m, side, side].
+
+        Args:
+            lights: m, whose discs they are of.
+            rungs: [k] that are asked for.
+            slices: [m, k] bool, those that are before them.
+            corner: [m, 2] px from the light to the first pixel.
+            side: Of a square in px.
+        """
+        H, W = self._places.shape
+        offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
+        stopped = lights.scale.new_zeros(len(corner), side, side)
+        for k, rung in enumerate(rungs.tolist()):
+            here = torch.nonzero(slices[:, k])[:, 0]
+            some = lights.some(here)
+            y, x = (some.at[..., None] + some.scale[:, k, None, None] * offset[here]).unbind(1)
+            spot = _pixel(y, H)[:, :, None] * W + _pixel(x, W)[:, None, :]
+            near = self._signed_radius.flatten()[spot] < some.limit[:, None, None]  # not its own
+            share = (1 - (self._places.flatten()[spot] - rung).abs()).clamp(min=0)
+            stopped.index_add_(0, here, near * share)
+        return stopped.clamp(max=1)
+
+
+def _pixel(place: Tensor, length: int) -> Tensor:
+    """The pixel nearest to a place, within a frame."""
+    return place.round().long().clamp(0, length - 1)
