@@ -161,4 +161,17 @@ def added(*counts: dict[str, int]) -> dict[str, int]:
 
 def joined(rows: list[list[Tensor]]) -> Tensor:
     """Pictures [..., h, w], beside and below each other, as one."""
-    return torch.cat([torch.cat(row, -1) for row in rows], -2)
+    if torch.is_grad_enabled():
+        return torch.cat([torch.cat(row, -1) for row in rows], -2)
+    first = rows[0][0]
+    size = sum(row[0].shape[-2] for row in rows), sum(one.shape[-1] for one in rows[0])
+    whole = first.new_empty(*first.shape[:-2], *size)
+    top = 0
+    for row in rows:
+        left = 0
+        for one in row:
+            height, width = one.shape[-2:]
+            whole[..., top : top + height, left : left + width] = one
+            left += width
+        top += height
+    return whole

@@ -7,6 +7,7 @@ for what lies behind.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -35,63 +36,110 @@ def px_from_borders(box: Box, size: tuple[int, int], device: torch.device) -> Te
 
 
 def share_in_frame(
-    signed_radius: Tensor, box: Box, size: tuple[int, int], aperture: Aperture, parts: list[Part]
+    signed_radius: Tensor,
+    box: Box,
+    size: tuple[int, int],
+    farthest: int,
+    aperture: Aperture,
+    parts: list[Part],
 ) -> Tensor:
     """The share of parts of the aperture that sees pixels' own surfaces within the frame.
 
-    Lens point u sees pixel q at q + r u.
+    Lens point u shows pixel q at q + r u: at x it sees x - r u.
 
     Args:
         signed_radius: [h, w] px of some pixels.
         box: Where in the frame they are.
         size: (height, width) of the frame.
+        farthest: Px that light spreads at most.
         aperture: The pupil; a gaussian one counts as evenly lit.
         parts: M parts of it.
 
     Returns:
         [M, 1, h, w] in [0.01, 1].
     """
-    (H, W), r = size, signed_radius
-    near = px_from_borders(box, size, r.device) + 0.5
-    share = r.new_ones(len(parts), r.numel())
-    some = torch.nonzero((r.detach().abs() > near.clamp(min=_FROM)).flatten())[:, 0]
-    if len(some):
-        r, row = r.flatten()[some], some.div(box.width, rounding_mode="floor")
-        places = (some - row * box.width + box.left, row + box.top)
-        across, down = (
-            torch.stack([(at + 0.5) / r, (at + 0.5 - length) / r], -1).sort(-1).values.clamp(-1, 1)
-            for at, length in zip(places, (W, H), strict=True)
+    share = signed_radius.new_ones(len(parts), *signed_radius.shape)
+    met = torch.zeros(2, *signed_radius.shape, dtype=torch.bool, device=share.device)
+    for border in _borders(size, farthest):
+        strip = border.strip.grown(0, box)
+        if min(strip[2:]) <= 0:
+            continue
+        here, side = strip.seen_from(box), strip.sides[border.dim]
+        r = here.of(signed_radius)
+        away = torch.arange(side.first, side.end, device=r.device).to(r) + (0.5 - border.at)
+        away = away[:, None] if border.dim == 0 else away
+        past = r.detach().abs() > away.abs().clamp(min=_FROM)
+        counts = _counts(r) * past
+        u = (away / torch.where(past, r, 1.0)).clamp(-1, 1)
+        above = (r > 0) != border.last
+        for m, part in enumerate(parts):
+            below = _below(aperture, part, border.dim, u)
+            here.of(share[m]).sub_(torch.where(above, 1 - below, below) * counts)
+        here.of(met[border.dim]).logical_or_(past)
+    row, column = torch.nonzero(met[0] & met[1]).unbind(1)
+    if len(row):
+        r = signed_radius[row, column]
+        counts = _counts(r)
+        down, across = (
+            (torch.stack([at, at - length], -1) / r[:, None]).sort(-1).values.clamp(-1, 1)
+            for at, length in zip((row + box.top + 0.5, column + box.left + 0.5), size, strict=True)
         )
-        beside, above = ((ends.detach().abs() < 1).any(-1) for ends in (across, down))
-        both = torch.nonzero(beside & above)[:, 0]
-        found = []
-        for part in parts:
-            one = torch.where(
-                beside, _between(aperture, part, 0, across), _between(aperture, part, 1, down)
-            )
-            corner = area_within(aperture, part, across[both], down[both])
-            found.append(one.index_copy(0, both, corner.to(one.dtype)))
-        t = ((r.abs() - _FROM) / (_TO - _FROM)).clamp(0, 1)
-        counts = t * t * (3 - 2 * t)
-        share = share.index_copy(1, some, 1 - counts * (1 - torch.stack(found)))
+        within = [area_within(aperture, part, across, down).to(r.dtype) for part in parts]
+        found = 1 - counts * (1 - torch.stack(within))
+        index = row * box.width + column
+        share = share.flatten(1).index_copy(1, index, found)
     return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
 
 
-def _between(aperture: Aperture, part: Part, dim: int, ends: Tensor) -> Tensor:
-    """The share [n] of a part whose u.x (dim 0) or u.y lies between two ends [n, 2]."""
-    below = _below(aperture, part, dim).to(ends)
-    place = (ends + 1) * (_STEPS / 2)
-    lower = place.detach().floor().clamp(max=_STEPS - 1)
-    first = lower.long()
-    found = below[first] + (place - lower) * (below[first + 1] - below[first])
-    return found[:, 1] - found[:, 0]
+class _Border(NamedTuple):
+    """A border of a frame.
+
+    Attributes:
+        dim: Along which it is reached: 0 for the rows above and below.
+        at: Where, in px from the first corner of the frame.
+        last: Whether it is the lower or right one.
+        strip: Pixels whose light may pass it.
+    """
+
+    dim: int
+    at: int
+    last: bool
+    strip: Box
+
+
+def _borders(size: tuple[int, int], farthest: int) -> list[_Border]:
+    """The four of a frame whose light spreads so many px at most."""
+    (H, W), deep = size, farthest + 1
+    return [
+        _Border(0, 0, False, Box(0, 0, min(deep, H), W)),
+        _Border(0, H, True, Box(max(H - deep, 0), 0, min(deep, H), W)),
+        _Border(1, 0, False, Box(0, 0, H, min(deep, W))),
+        _Border(1, W, True, Box(0, max(W - deep, 0), H, min(deep, W))),
+    ]
+
+
+def _counts(r: Tensor) -> Tensor:
+    """How much of what geometry says counts, [...] in [0, 1], for signed radii in px."""
+    t = ((r.abs() - _FROM) / (_TO - _FROM)).clamp(0, 1)
+    return t * t * (3 - 2 * t)
+
+
+def _below(aperture: Aperture, part: Part, dim: int, u: Tensor) -> Tensor:
+    """The share of a part whose u.x (dim 1) or u.y (dim 0) lies below some u [...] in [-1, 1]."""
+    table = _shares(aperture, part, dim).to(u)
+    place = (u + 1) * (_STEPS / 2)
+    lower = place.detach().floor().clamp_(max=_STEPS - 1)
+    first = lower.int().flatten()
+    start = table.index_select(0, first).view_as(u)
+    slope = table.diff().index_select(0, first).view_as(u)
+    return torch.addcmul(start, place - lower, slope)
 
 
 @lru_cache(maxsize=256)
-def _below(aperture: Aperture, part: Part, dim: int) -> Tensor:
-    """The share of a part below each of some u: [_STEPS + 1]."""
+def _shares(aperture: Aperture, part: Part, dim: int) -> Tensor:
+    """The share of a part below each of `_STEPS` + 1 even u."""
     with torch.inference_mode(False):  # it is kept for those who want gradients, too
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
         some = torch.stack([torch.full_like(ends, -1), ends], -1)
         whole = torch.tensor([-1.0, 1.0], dtype=torch.float64).expand_as(some)
-        return area_within(aperture, part, *((some, whole) if dim == 0 else (whole, some)))
+        return area_within(aperture, part, *((some, whole) if dim == 1 else (whole, some)))

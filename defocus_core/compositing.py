@@ -95,6 +95,17 @@ def add_within(total: Tensor, box: Box, some: Tensor, share: Tensor | None = Non
     return total.addcmul(pad(some, around), pad(share, around))
 
 
+def add_light(seen: Tensor, light: Tensor) -> Tensor:
+    """Add light [M, C, h, w] that covers nothing to [M, C + 1, h, w].
+
+    What was seen is not changed where a gradient is wanted, else overwritten by the result.
+    """
+    if torch.is_grad_enabled():
+        return torch.cat([seen[:, :-1] + light, seen[:, -1:]], 1)
+    seen[:, :-1].add_(light)
+    return seen
+
+
 def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
     """Whether nothing is left to cover; never where a gradient is wanted: what is left has one.
 
@@ -138,7 +149,7 @@ def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: boo
     """
     if weights is not None and max(weights) - min(weights) > _EQUAL:
         seen = seen * seen.new_tensor(weights)[:, None, None, None]
-    total = seen.sum(0)
+    total = seen.sum(0) if len(seen) > 1 else seen[0]
     image = total[:-1] / total[-1:]
     return image if signed else image.clamp_(min=0)
 

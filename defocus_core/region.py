@@ -14,6 +14,7 @@ from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import px_from_borders, share_in_frame
 from defocus_core.compositing import (
     add_behind,
+    add_light,
     add_within,
     filled_up_to,
     is_full,
@@ -87,11 +88,14 @@ class Region:
         pixels, highlights = split(pixels, signed_radius, frame.limit)
         self._in_frame: list[Tensor] | None = None  # what parts of the aperture see of it
         if frame.edges and not self._is_inside(core):
-            radius, lens = core.seen_from(outer).of(signed_radius), (frame.size, frame.aperture)
+            radius, lens = core.seen_from(outer).of(signed_radius), (frame.farthest, frame.aperture)
             groups = [frame.parts[group] for group in frame.groups]
-            self._in_frame = [share_in_frame(radius, core, *lens, parts) for parts in groups]
+            self._in_frame = [
+                share_in_frame(radius, core, frame.size, *lens, parts) for parts in groups
+            ]
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
-        self._visible = self._in_front(own, signed_radius)
+        places = position(signed_radius, frame.radii) if highlights else None
+        self._visible = self._in_front(own, signed_radius, places)
         # nothing is invented where something is known
         self._culled: set[tuple[int, int]] = set()
         self._known: Filling | None = None
@@ -112,19 +116,18 @@ class Region:
             if hidden is not None:
                 self._invented = self._filling(hidden, frame.invented)
         self._highlights = None
-        if highlights:
-            places = position(signed_radius, frame.radii)
+        if highlights and places is not None:
             aperture, parts, box = frame.aperture, frame.parts, core.seen_from(outer)
             self._highlights = draw(
                 highlights, signed_radius, places, frame.radii, aperture, parts, box
             )
 
-    def _in_front(self, own: Unmixed, signed_radius: Tensor) -> Sliced:
-        """The visible surfaces."""
+    def _in_front(self, own: Unmixed, signed_radius: Tensor, places: Tensor | None) -> Sliced:
+        """The visible surfaces, from pixels, their radii, and their positions if known."""
         frame, inside = self._frame, self._inside
         around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
-        places = position(radius, frame.radii)
+        places = position(radius, frame.radii) if places is None else around.of(places)
         lean = shifts = None
         if frame.tilted:
             lean = slopes(radius, frame.quality.least_slope)
@@ -173,7 +176,7 @@ class Region:
             return centre[None], trust
         both = halves[0] if halves else whole
         if moved is not None:
-            both = torch.cat([both[:, :-1] + moved, both[:, -1:]], 1)
+            both = add_light(both, moved)
         first = frame.groups[-1].start
         cut = sum(1 for part in frame.parts[first:] if part.x1 <= 0)
         left = picture(both[:cut], frame.weights[first : first + cut])
@@ -241,10 +244,8 @@ class Region:
         if self._highlights is None:
             return seen
         lit = self._tiles[index].seen_from(self._tiles[0]).of(self._highlights)
-        return [
-            torch.cat([some[:, :-1] + lit[group], some[:, -1:]], 1)
-            for some, group in zip(seen, self._frame.groups, strict=True)
-        ]
+        groups = self._frame.groups
+        return [add_light(some, lit[group]) for some, group in zip(seen, groups, strict=True)]
 
     def _is_inside(self, box: Box) -> bool:
         """Whether no light from beyond the frame reaches a part of it."""
