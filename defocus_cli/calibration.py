@@ -65,12 +65,12 @@ _USUAL_SECONDS = {
     **{"frame": 5e-4, "pixels": 5e-9, "images": 2.5e-9, "doubled": 8e-9, "backdrop": 1e-8},
     **{"kernels": 1.2e-10},
     **{"regions": 4e-3, "around": 3e-9, "slopes": 6e-8, "edges": 2.2e-6, "behind": 3e-7},
-    **{"lights": 1.3e-8, "calls": 6e-5, "averaged": 4e-9, "forward": 1.5e-10},
+    **{"lights": 2e-8, "calls": 6e-5, "averaged": 4e-9, "forward": 1.5e-10},
     **{"products": 6e-10, "inverse": 1.2e-10, "composited": 2.5e-9, "finished": 6e-9},
 }
 _USUAL_BYTES = {
     **{"backdrop": 2.0, "spectra": 1.2, "making": 0.8, "region": 3.0, "layers": 1.0},
-    **{"discs": 11.0, "result": 1.5, "tile": 2.0, "cells": 1.5},
+    **{"discs": 1.2, "result": 1.5, "tile": 2.0, "cells": 1.5},
 }
 _TRUST = 0.2  # in that, where a scene has 1
 

@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
-from defocus_cli.accuracy import quality_of
 from defocus_cli.arrays import Windows, scratch_folder
-from defocus_cli.budget import base_mb, enough_mb
-from defocus_cli.calibration import Calibration, calibrated, kept, usual
-from defocus_cli.errors import TooLarge, UserError
-from defocus_cli.focusing import focused, radius_at_infinity, radius_map
-from defocus_cli.job import RENDERED_KINDS, Job, Lens
+from defocus_cli.budget import base_mb
+from defocus_cli.calibration import Calibration, calibrated
+from defocus_cli.errors import UserError
+from defocus_cli.focusing import focused, radius_map
+from defocus_cli.job import RENDERED_KINDS, Job
+from defocus_cli.sizing import most_at_once, planned_work, room_on, too_large
 
 if TYPE_CHECKING:
-    from defocus_cli.made import Outcome
     from defocus_core.planning import Plan
-    from defocus_core.source import Pixels
 
 # Pictures of a batch that are looked at; the others are taken for alike.
 MOST_READ = 16
-# What might help a frame that is too large, in the order in which it costs least.
-_REMEDIES = (
-    ("--threads 1", {"threads": 1}),
-    ("--quality standard", {"quality": "standard", "tolerance": None}),
-    ("--quality draft", {"quality": "draft", "tolerance": None}),
-    ("--quality draft --threads 1", {"quality": "draft", "tolerance": None, "threads": 1}),
-)
-_FLOAT = 4  # bytes
 
 
 @dataclass(frozen=True)
@@ -115,115 +104,17 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
         image, signed = Windows(loaded.color.planes, "cpu"), Windows([radius], "cpu", lone=True)
 
         def plan_of(changed: Job) -> Plan:
-            return _planned(changed, lens, image, signed, reach)
+            return planned_work(changed, lens, image, signed, reach)
 
         planned = plan_of(job)
         seconds = calibration.predicted_seconds(planned)
-        room = _room_mb(held.room_mb, device)
-        if (at_once := _fitting(job, calibration, planned, room)) is None:
-            raise _too_large(job, device, room, plan_of)
-        peak += calibration.predicted_mb(planned, at_once)
+        room = room_on(held.room_mb, device)
+        if (fit := most_at_once(job, calibration, planned, room)) is None:
+            raise too_large(job, device, room, plan_of)
+        peak += calibration.predicted_mb(planned, fit.at_once)
+        peak += fit.hold * planned.cells / memory.MB
     scratch = held.arrays_mb if held.scratch else 0.0
     return Forecast(job, (width, height), reach, read_seconds, planned, seconds, peak, scratch)
-
-
-def _planned(
-    job: Job, lens: Lens, image: Pixels, signed_radius: Pixels, coc_px: tuple[float, float]
-) -> Plan:
-    """The work on a picture [C, H, W] whose pixels have the given radii [H, W] px."""
-    from defocus_core import Aperture
-    from defocus_core.planning import plan
-
-    height, width = signed_radius.shape
-    return plan(
-        signed_radius,
-        image=image,
-        aperture=Aperture(lens.blades, lens.blade_rotation),
-        quality=quality_of(job.machine, coc_px),
-        left_right=bool({"left", "right"} & set(job.outputs.kinds)),
-        tile=job.machine.tile,
-        infinity=radius_at_infinity(lens, (width, height)),
-    )
-
-
-def regions_at_once(
-    outcome: Outcome, image: Pixels, signed_radius: Pixels, room_mb: float
-) -> int | None:
-    """How many regions may be computed at once; None for as many as there are threads.
-
-    Args:
-        outcome: what is to be rendered, and where.
-        image: [C, H, W].
-        signed_radius: [H, W] px.
-        room_mb: what the process may take to compute in.
-
-    Raises:
-        TooLarge: not even one would fit; the remedy is the option with which it would.
-    """
-    job, device = outcome.job, outcome.device
-    room = _room_mb(room_mb, device)
-    threads = job.machine.threads
-    if _most_mb(image.shape, max(map(abs, outcome.coc_px)), threads) < room:
-        return None
-
-    def plan_of(changed: Job) -> Plan:
-        return _planned(changed, outcome.lens, image, signed_radius, outcome.coc_px)
-
-    if (found := _fitting(job, _known(job, device), plan_of(job), room)) is not None:
-        return found
-    raise _too_large(job, device, room, plan_of)
-
-
-def _too_large(job: Job, device: str, room: float, plan_of: Callable[[Job], Plan]) -> TooLarge:
-    """What is said of a picture of which not even one region fits; the remedy would help."""
-    least = _known(job, device).predicted_mb(plan_of(job), 1)
-    problem = f"needs about {math.ceil(least)} MB to render, but {room:.0f} MB are left"
-    if room == 0:
-        problem += f" beside the {base_mb():.0f} MB of the program"
-    for remedy, settings in _REMEDIES:
-        changed = replace(job, machine=replace(job.machine, **settings))
-        if changed.machine == job.machine:
-            continue
-        if _fitting(changed, _known(changed, device), plan_of(changed), room):
-            return TooLarge(job.picture.color, problem, f"use {remedy}")
-    machine = memory.available_mb(device)
-    if device == "cpu" and machine is not None and least < machine:
-        gigabytes = math.ceil(enough_mb(least) / 102.4) / 10
-        return TooLarge(job.picture.color, problem, f"use --memory {gigabytes:.1f}GiB")
-    return TooLarge(job.picture.color, problem, "use a smaller picture or a machine with more")
-
-
-def _known(job: Job, device: str) -> Calibration:
-    """What is known of a machine without measuring it now."""
-    return kept(device, job.machine.threads) or usual(job.machine.threads)
-
-
-def _room_mb(room_mb: float, device: str) -> float:
-    """What there is to compute in, on the machine as it is now."""
-    available = memory.available_mb(device)
-    if device != "cpu":
-        return math.inf if available is None else available
-    return max(room_mb if available is None else min(room_mb, available), 0.0)
-
-
-def _fitting(job: Job, calibration: Calibration, planned: Plan, room_mb: float) -> int | None:
-    """The most regions at once that fit; None if not even one does."""
-    for at_once in range(job.machine.threads, 0, -1):
-        if calibration.predicted_mb(planned, at_once) <= room_mb:
-            return at_once
-    return None
-
-
-def _most_mb(shape: tuple[int, ...], spread: float, threads: int) -> float:
-    """More than any rendering holds, from the shape [C, H, W] and the largest radius alone."""
-    channels, height, width = shape
-    spread = min(spread, max(height, width))
-    margin = 3 * spread + 200
-    side = max(768, 4 * margin + 128) + 2 * margin
-    region = min(side, height) * min(side, width)
-    window = (160 + 2.5 * spread) ** 2
-    samples = 2 * height * width + 60 * threads * region + 2000 * window
-    return samples * (channels + 1) * _FLOAT / memory.MB
 
 
 def record(forecast: Forecast) -> dict[str, Any]:

@@ -43,13 +43,13 @@ def rendered(
     """
     import torch
 
-    from defocus_cli.forecast import regions_at_once
+    from defocus_cli.sizing import fitting
     from defocus_core.tiling import TILE
 
     job, device = outcome.job, outcome.device
     leave_threads_to_tiles()
     image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
-    at_once = regions_at_once(outcome, image, signed, loaded.holding.room_mb)
+    at_once, hold = fitting(outcome, image, signed, loaded.holding.room_mb)
     if at_once is not None:  # memory is short
         memory.trim()
     behind = _behind(loaded, outcome) if loaded.behind is not None else None
@@ -60,7 +60,7 @@ def rendered(
     while True:
         images.clamped.clear()
         try:
-            stream = _stream(outcome, image, signed, behind, tile, progress)
+            stream = _stream(outcome, image, signed, behind, tile, hold, progress)
             for part in stream.regions(at_once):
                 images.take(part)
             break
@@ -111,6 +111,7 @@ def _stream(
     signed: Windows,
     behind: Behind | None,
     tile: int | None,
+    hold: bool,
     progress: Progress | None,
 ) -> Stream:
     from defocus_core import Aperture
@@ -127,6 +128,7 @@ def _stream(
         threads=job.machine.threads,
         tile=tile,
         infinity=radius_at_infinity(lens, outcome.size),
+        hold=hold,
         progress=progress,
     )
 

@@ -61,7 +61,8 @@ class Enlarging:
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * share_left(radius)[None]])
 
-        share = half_size(share_left, signed_radius, threads=threads)
+        held = isinstance(image, Tensor)
+        share = half_size(share_left, signed_radius, threads=threads, hold=held)
         if isinstance(image, Tensor) and isinstance(share, Tensor):
             self.cells: Pixels = torch.cat([image, unit * share[None]])
         else:

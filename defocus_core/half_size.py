@@ -8,6 +8,7 @@ of a pixel much brighter than the others belongs where that pixel is.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from types import EllipsisType
 
 import torch
@@ -72,25 +73,32 @@ class HalfSize:
         )
 
 
-def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int) -> Pixels:
-    """Cells of pictures: of a frame that is in memory or not large made now, else when asked for.
+def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hold: bool) -> Pixels:
+    """Cells of pictures: made now and held, or made whenever they are asked for.
 
-    The arguments are those of `HalfSize`; `threads` is how many bands are made at once.
+    They are held if they may be, if the frame is in memory itself, and if it is not large.
+
+    Args:
+        merge: As for `HalfSize`.
+        pictures: The same.
+        threads: Bands that are made at once.
+        hold: Whether there is room for them.
     """
     cells = HalfSize(merge, *pictures)
     in_memory = all(isinstance(picture, Tensor) for picture in pictures)
-    if in_memory or cells.shape[-2] * cells.shape[-1] <= _HELD:
+    if hold or in_memory or cells.shape[-2] * cells.shape[-1] <= _HELD:
         return cells.at_once(threads)
     return cells
 
 
-def behind_at_half_size(behind: Behind, threads: int) -> Behind:
+def behind_at_half_size(behind: Behind, threads: int, *, hold: bool) -> Behind:
     """What is known behind a frame, in cells, with a channel more that is 0."""
     color, radius, mask = behind
+    made = partial(half_size, threads=threads, hold=hold)
     return Behind(
-        half_size(_known_means, color, mask, threads=threads),
-        half_size(_known_radii_in_cells, radius, mask, threads=threads),
-        half_size(_any_known, mask, threads=threads),
+        made(_known_means, color, mask),
+        made(_known_radii_in_cells, radius, mask),
+        made(_any_known, mask),
     )
 
 

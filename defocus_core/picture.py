@@ -47,8 +47,12 @@ class Picture:
         threads: int = 1,
         tile: int | None = None,
         infinity: float | None = None,
+        hold: bool = False,
     ) -> None:
         """Look at it as a whole; the arguments are those of `render`, for one picture.
+
+        Of a large one whose image and radii are no tensors, `hold` says whether there is room for
+        its cells; else they are made again wherever they are looked at.
 
         Raises:
             ValueError: If a value is not finite, or a CoC does not fit psf_ks.
@@ -75,17 +79,17 @@ class Picture:
             self.mending = self.frame.mending
             return
         if hidden is not None:
-            self._hidden = behind_at_half_size(hidden, threads)
+            self._hidden = behind_at_half_size(hidden, threads, hold=hold)
         looked_at = partial(looked_at, quality=quality.in_cells(), hidden=self._hidden)
-        cells = half_size(means, image, threads=threads)
-        radii = half_size(radii_in_cells, signed_radius, image, threads=threads)
+        made = partial(half_size, threads=threads, hold=hold)
+        cells, radii = made(means, image), made(radii_in_cells, signed_radius, image)
         farthest = None if infinity is None else infinity / 2
         self.frame = looked_at(cells, radii, infinity=farthest)
         self.mending = self.frame.mending
         if self.mending.is_told:  # pixels know better
             self.mending = survey(image, signed_radius, self.frame.dtype, threads, infinity).mending
             mended = self.mending.mended(signed_radius, image)
-            radii = half_size(radii_in_cells, mended, image, threads=threads)
+            radii = made(radii_in_cells, mended, image)
             frame = looked_at(cells, radii, infinity=farthest)
             self.frame = replace(frame, mending=Mending(ramps=frame.mending.ramps))
         self._enlarging = Enlarging(self.frame, cells, image, signed_radius, threads=threads)

@@ -17,7 +17,7 @@ from defocus_core.aperture import Aperture
 from defocus_core.copying import blurred_part
 from defocus_core.frame import Frame
 from defocus_core.picture import Picture
-from defocus_core.presence import Presence
+from defocus_core.presence import Cover, Presence
 from defocus_core.quality import find
 from defocus_core.source import Pixels, banded, bands
 from defocus_core.tiling import Grid, regions
@@ -35,8 +35,8 @@ LOADS = (
 BYTES = ("backdrop", "spectra", "making", "region", "layers", "discs", "result", "tile", "cells")
 # Steps of a region in which something is hidden that no other load counts.
 _STEPS = 80.0
-# Samples of the discs of lights that are drawn at once.
-_DRAWN = 1 << 21
+# Bytes of a sample of the lights of a region, summed in double precision, and as it is kept.
+_LIT = 12
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ class Plan:
         of_regions: Those of regions, likewise: each is work for one thread.
         of_tiles: Those of tiles, likewise.
         bytes: By the names in `BYTES`; those of one region and of one tile are the most of any.
+        cells: Bytes of the cells of a large draft, which are held if there is room for them.
     """
 
     slices: int
@@ -66,6 +67,7 @@ class Plan:
     of_regions: dict[str, float]
     of_tiles: dict[str, float]
     bytes: dict[str, float]
+    cells: float
 
     @property
     def loads(self) -> dict[str, float]:
@@ -130,7 +132,7 @@ def plan(
     inner = [_area(grid, frame.farthest, frame) for grid in grids]
     around = [sum(areas) for areas in zip(outer, inner, strict=True)]
     repeated = sum(around) / (2 * pixels)
-    discs = _lights(frame, image, signed_radius, grids, scene.visible.plan)
+    lights, lit = _lights(frame, image, signed_radius, grids, scene.visible)
     of_kernels, kept, made = work.kernels()
     images = channels * size / 4 * (3 if left_right else 1)
     finished = sum(_area(grid, 0, frame) for grid in grids) * images
@@ -150,7 +152,7 @@ def plan(
         "slopes": sum(inner) * frame.tilted,
         "edges": scene.edges * repeated,
         "behind": scene.behind * repeated,
-        "lights": discs,
+        "lights": lights,
         **_times(work.of_regions, samples),
     }
     of_regions["calls"] += _STEPS * len(grids) * frame.edges
@@ -160,7 +162,7 @@ def plan(
         "making": made * 24,
         "region": 4 * max(around, default=0.0) * samples,
         "layers": 4 * work.reduced * samples,
-        "discs": 4 * min(discs, _DRAWN),
+        "discs": _LIT * lit,
         "result": max(_area(grid, 0, frame) for grid in every)
         * (channels * (3 if left_right else 1) + 1)
         * size,
@@ -180,6 +182,7 @@ def plan(
         of_regions=_all(of_regions),
         of_tiles=_all({**_times(work.of_tiles, samples), "finished": finished}),
         bytes=held,
+        cells=_bytes_of_held(picture),
     )
 
 
@@ -193,11 +196,12 @@ def _all(loads: dict[str, float]) -> dict[str, float]:
 
 
 def _lights(
-    frame: Frame, image: Pixels, radius: Pixels, grids: list[Grid], visible: list[list[int]]
-) -> float:
-    """Samples of the discs of lights in all regions that they reach.
+    frame: Frame, image: Pixels, radius: Pixels, grids: list[Grid], visible: Cover
+) -> tuple[float, float]:
+    """Samples of the rims of discs, and of what nearer slices stop of them, in all regions.
 
-    As often as parts and nearer slices look at them.
+    Returns:
+        These together with the samples of regions in which they are summed; of one region, at most.
     """
     found = []
     for (top, _), some, r in zip(bands(*frame.size), banded(image), banded(radius), strict=True):
@@ -205,18 +209,22 @@ def _lights(
         found.append((torch.stack([rows + top, columns], 1), r[rows, columns]))
     at, r = map(torch.cat, zip(*found, strict=True))
     if not len(at):
-        return 0.0
+        return 0.0, 0.0
     spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
-    present = sorted({k for some in visible for k in some})
-    nearer = r.new_tensor([frame.radii[k] for k in present]) < r[:, None] - 1.5
-    samples = (2 * spread + 1) ** 2 * (nearer.sum(1) + len(frame.parts))
-    discs = 0.0
+    nearer = r.new_tensor(frame.radii) < r[:, None] - 1.5
+    stopped = (nearer * r.new_tensor(visible.shares)).sum(1).clamp(max=1)
+    terms = image.shape[0] * len(frame.parts)
+    samples = 12 * (spread + 1) * terms + (2 * spread + 1) ** 2 * stopped * (terms + 1)
+    discs = lit = 0.0
     for grid in grids:
         first = at.new_tensor(grid.box[:2])
         last = first + at.new_tensor(grid.box[2:]) - 1
-        far = torch.maximum(first - at, at - last).amax(1)
-        discs += float(samples[far <= spread].sum())
-    return discs
+        here = torch.maximum(first - at, at - last).amax(1) <= spread
+        if bool(here.any()):
+            canvas = float(grid.box.area * terms)
+            discs += float(samples[here].sum()) + canvas / 2
+            lit = max(lit, canvas)
+    return discs, lit
 
 
 def _bytes_of_cells(picture: Picture, grids: list[Grid], channels: int) -> float:
@@ -227,6 +235,14 @@ def _bytes_of_cells(picture: Picture, grids: list[Grid], channels: int) -> float
     results = max(grid.box.height for grid in grids) * width * channels
     kept = picture.image.shape[0] * height * width if isinstance(picture.image, Tensor) else 0
     return float((results + 2 * kept) * picture.frame.dtype.itemsize)
+
+
+def _bytes_of_held(picture: Picture) -> float:
+    """Of the cells that are held if there is room, while they are put together."""
+    if isinstance(picture.image, Tensor):
+        return 0.0
+    (height, width), channels = picture.frame.size, picture.image.shape[0]
+    return float(height * width * (2 * channels + 1) * picture.frame.dtype.itemsize)
 
 
 def _area(grid: Grid, margin: int, frame: Frame) -> float:

@@ -95,6 +95,12 @@ class Cover:
         """
         self._leaning, self._planes = leaning, planes
 
+    @property
+    def shares(self) -> list[float]:
+        """For each rung the share of the blocks of the frame that it is in."""
+        found: list[float] = self._blocks.double().mean((1, 2)).tolist()
+        return found
+
     def patches(self, rungs: list[int], tiles: list[int]) -> list[Patch | None]:
         """What tiles of the frame see of a layer, at the resolution at which it is blurred."""
         window, (blocks, every, _) = self.windows[rungs[0]], self._around

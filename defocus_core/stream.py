@@ -62,6 +62,7 @@ class Stream:
         threads: int = 1,
         tile: int | None = None,
         infinity: float | None = None,
+        hold: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Look at the picture as a whole.
@@ -76,6 +77,8 @@ class Stream:
             threads: As for `render`.
             tile: As for `render`.
             infinity: As for `render`.
+            hold: Whether there is room for the cells of a draft, a third of the picture in float32;
+                else those of a large one are made again wherever they are looked at.
             progress: As for `render`.
 
         Raises:
@@ -100,6 +103,7 @@ class Stream:
                 threads=threads,
                 tile=tile,
                 infinity=infinity,
+                hold=hold,
             )
         self.size: tuple[int, int] = self._picture.size
         self.frame: Frame = self._picture.frame

@@ -30,7 +30,7 @@ def planned(
     of_regions = (work if alone else nothing) | {"regions": float(busy or regions)}
     held = dict.fromkeys(BYTES, 2.0**20)
     of_tiles = nothing if alone else work
-    return Plan(3, tiles, regions, 6 * tiles, tiles, 0, nothing, of_regions, of_tiles, held)
+    return Plan(3, tiles, regions, 6 * tiles, tiles, 0, nothing, of_regions, of_tiles, held, 0.0)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from command_line import (
     texture,
 )
 
-from defocus_cli import calibration, engine, forecast, memory
+from defocus_cli import calibration, engine, forecast, memory, sizing
 from defocus_cli.calibration import Calibration
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.made import Outcome
@@ -128,7 +128,7 @@ def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path: Path) 
 def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> Outcome:
     """A job, on a machine whose memory is 100 MB, that needs so much with some settings."""
     monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
-    monkeypatch.setattr(forecast, "_most_mb", lambda *_: 1e9)
+    monkeypatch.setattr(sizing, "_most_mb", lambda *_: 1e9)
 
     def predicted(self: Calibration, plan: object, at_once: int = 0) -> float:
         if self.threads == 1:
@@ -156,8 +156,8 @@ def test_what_does_not_fit_is_refused_with_what_would_help(
     needed: dict[str, float], remedy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outcome = large(monkeypatch, tmp_path, **needed)
-    with pytest.raises(forecast.TooLarge, match=f"about 450 MB .* but 100 MB are left; .*{remedy}"):
-        forecast.regions_at_once(outcome, *FRAME, 1e9)
+    with pytest.raises(sizing.TooLarge, match=f"about 450 MB .* but 100 MB are left; .*{remedy}"):
+        sizing.fitting(outcome, *FRAME, 1e9)
 
 
 @pytest.mark.parametrize(("room", "regions"), [(1e9, 4), (75.0, 3), (60.0, 2), (45.0, 1)])
@@ -165,17 +165,17 @@ def test_as_many_regions_as_fit_are_computed_at_once(
     room: float, regions: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outcome = large(monkeypatch, tmp_path, usual=80.0, threads_1=10.0)
-    assert forecast.regions_at_once(outcome, *FRAME, room) == regions
+    assert sizing.fitting(outcome, *FRAME, room).at_once == regions
 
 
 def test_what_a_limit_forbids_a_greater_one_would_allow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outcome = large(monkeypatch, tmp_path, usual=120.0, threads_1=60.0)
-    monkeypatch.setattr(forecast, "enough_mb", lambda needed: 300.0 + needed)
+    monkeypatch.setattr(sizing, "enough_mb", lambda needed: 300.0 + needed)
     job = replace(outcome.job, machine=Machine(threads=4, memory=500 * memory.MB))
-    with pytest.raises(forecast.TooLarge, match=r"but 30 MB are left; use --memory 0.4GiB"):
-        forecast.regions_at_once(replace(outcome, job=job), *FRAME, 30.0)
+    with pytest.raises(sizing.TooLarge, match=r"but 30 MB are left; use --memory 0.4GiB"):
+        sizing.fitting(replace(outcome, job=job), *FRAME, 30.0)
 
 
 def test_rendering_refuses_what_does_not_fit_before_any_work(
@@ -192,7 +192,7 @@ def test_rendering_refuses_what_does_not_fit_before_any_work(
 def test_a_frame_that_surely_fits_is_not_planned(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(forecast, "_planned", None)
+    monkeypatch.setattr(sizing, "planned_work", None)
     assert render(*pair(tmp_path), "-o", tmp_path / "out").code == 0
 
 
@@ -205,7 +205,7 @@ def test_the_quick_bound_is_above_the_prediction(kind: str, r: float) -> None:
     image, radius = scenery(kind, 200, 300, r)
     for quality in ("draft", "reference"):
         found = plan(radius, image=image, quality=quality, left_right=True)
-        most = forecast._most_mb(tuple(image.shape), float(radius.abs().max()), 2)
+        most = sizing._most_mb(tuple(image.shape), float(radius.abs().max()), 2)
         assert calibration.usual(2).predicted_mb(found) < most
 
 

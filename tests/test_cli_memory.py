@@ -14,7 +14,7 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli import arrays, budget, exr, exr_strips, forecast, memory
+from defocus_cli import arrays, budget, exr, exr_strips, memory, sizing
 from defocus_cli.arrays import Scratch
 from defocus_cli.batch_options import Crew, computed_by
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
@@ -200,7 +200,7 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
 def test_too_little_memory_is_refused_with_how_much_would_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(forecast, "_REMEDIES", ())
+    monkeypatch.setattr(sizing, "_REMEDIES", ())
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
     ran = render(*args, "--memory", "20MB")
     refused(ran, 3, "needs about", "0 MB are left beside the", "of the program; use --memory ")

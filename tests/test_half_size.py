@@ -65,7 +65,7 @@ def test_what_is_known_of_a_cell_is_what_is_known_of_its_pixels() -> None:
     mask = torch.tensor([[True, False, False, False], [True, True, False, False]])
     color = torch.tensor([[[0.3, 99.0, 99.0, 99.0], [0.6, 0.9, 99.0, 99.0]]])
     radius = torch.tensor([[4.0, torch.nan, 9.0, 9.0], [4.2, 4.4, 9.0, 9.0]])
-    found = behind_at_half_size(Behind(color, radius, mask), threads=1)
+    found = behind_at_half_size(Behind(color, radius, mask), threads=1, hold=False)
     assert torch.equal(found.mask[:], torch.tensor([[True, False]]))
     assert torch.allclose(found.color[...][0], torch.tensor([[0.6, 0.0]]))
     assert torch.equal(found.color[...][1], torch.zeros(1, 2))
@@ -75,7 +75,7 @@ def test_what_is_known_of_a_cell_is_what_is_known_of_its_pixels() -> None:
 def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(halving, "_HELD", 0)
     image = noise(2, 21, 34)
-    whole = half_size(means, image, threads=2)
+    whole = half_size(means, image, threads=2, hold=False)
     assert isinstance(whole, Tensor)
     cells = HalfSize(means, image)
     assert torch.equal(cells[...], whole)

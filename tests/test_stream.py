@@ -7,6 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from defocus_core import half_size
 from defocus_core.hidden import Behind, HiddenLayer
 from defocus_core.planning import plan
 from defocus_core.render import Rendering, render
@@ -23,6 +24,7 @@ class Windows:
 
     whole: Tensor
     largest: int = 0
+    looked_at: int = 0
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
     @property
@@ -36,6 +38,7 @@ class Windows:
     def __getitem__(self, window: Any) -> Tensor:
         found = self.whole[window].clone()
         self.largest = max(self.largest, found[..., :, :].shape[-2])
+        self.looked_at += found[0].numel() if found.dim() > 2 else found.numel()
         return found
 
 
@@ -89,6 +92,18 @@ def test_no_window_is_as_high_as_a_high_frame() -> None:
     found = put_together(Stream(pixels, radii))
     assert same(found, render(image, radius))
     assert max(pixels.largest, radii.largest) < 1000
+
+
+def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(half_size, "_HELD", 0)
+    image, radius = scenery("cards", 512, 512, 12.0)
+    whole, looked_at = render(image, radius, quality="draft"), {}
+    for hold in (False, True):
+        pixels = Windows(image)
+        stream = Stream(pixels, Windows(radius), quality="draft", hold=hold)
+        assert same(put_together(stream), whole)
+        looked_at[hold] = pixels.looked_at / radius.numel()
+    assert looked_at[True] < 5 < 10 < looked_at[False]
 
 
 def test_half_colour_is_rendered_as_the_same_colour_in_float() -> None:
