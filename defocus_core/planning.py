@@ -239,7 +239,7 @@ def _bytes_of_cells(picture: Picture, grids: list[Grid], channels: int) -> float
 
 def _bytes_of_held(picture: Picture) -> float:
     """Of the cells that are held if there is room, while they are put together."""
-    if isinstance(picture.image, Tensor):
+    if not picture.at_half_size or isinstance(picture.image, Tensor):
         return 0.0
     (height, width), channels = picture.frame.size, picture.image.shape[0]
     return float(height * width * (2 * channels + 1) * picture.frame.dtype.itemsize)
