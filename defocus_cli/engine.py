@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_cli.accuracy import quality_of
@@ -117,21 +116,24 @@ def choose_device(name: str) -> str:
     return "cuda" if found else "cpu"
 
 
-def part_of(path: Path, reading: Reading, *, shared: bool) -> int | None:
-    """Which part ``--part`` means in a file; None for one that has no other, if it is not alone.
+def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
+    """Which part ``--part`` means in the colour and the depth file; None where there is but one.
 
     Raises:
-        InputError: the file holds both colour and depth, and has no such part.
+        InputError: neither file has such a part.
     """
     if reading.part is None:
-        return None
+        return None, None
     from defocus_cli.images import describe
 
-    count = len(describe(path).parts)
-    if shared and reading.part >= count:
-        problem = f"has no part {reading.part}, only {count}"
-        raise InputError(path, problem, "leave --part out" if count == 1 else "it counts from 0")
-    return reading.part if count > 1 else None
+    paths = (picture.color, picture.depth)
+    color, depth = (len(describe(path).parts) for path in paths)
+    alone = picture.color == picture.depth or max(color, depth) == 1
+    if alone and reading.part >= color:
+        problem = f"has no part {reading.part}, only {color}"
+        remedy = "leave --part out" if color == 1 else "it counts from 0"
+        raise InputError(picture.color, problem, remedy)
+    return reading.part if color > 1 else None, reading.part if depth > 1 else None
 
 
 def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tuple[Color, Depth]:
@@ -149,16 +151,17 @@ def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tu
     from defocus_cli.images import read_color, require_finite
 
     shared = picture.color == picture.depth
+    color_part, depth_part = parts_of(picture, reading)
     color = read_color(
         picture.color,
         layer=reading.color_layer,
-        part=part_of(picture.color, reading, shared=shared),
+        part=color_part,
         keeping=keeping,
     )
     depth = read_depth(
         picture.depth,
         channel=reading.depth_channel,
-        part=part_of(picture.depth, reading, shared=shared),
+        part=depth_part,
         unit=reading.depth_unit,
         keeping=keeping,
     )

@@ -157,6 +157,12 @@ def test_part_says_which_part_is_rendered(part: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(rendered, planes(part)["R"], atol=1e-6)
 
 
+def test_a_part_that_neither_file_has_is_refused(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    ran = run("render", *LENS, color, depth, "-o", tmp_path / "out", "--part", "1")
+    refused(ran, 3, str(color), "has no part 1, only 1; leave --part out")
+
+
 def test_part_says_where_the_depth_is(tmp_path: Path) -> None:
     depth = multi_part(tmp_path / "z.exr", a={"Z": ramp()}, b={"Z": ramp() * 2})
     files = (color_exr(tmp_path / "c.exr"), depth)
