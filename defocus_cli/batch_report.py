@@ -18,6 +18,7 @@ from defocus_cli.job import Job
 from defocus_cli.journal import Record
 from defocus_cli.plan import Plan
 from defocus_cli.progress import Progress
+from defocus_cli.quantities import counted
 from defocus_cli.work import Result
 
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
@@ -49,7 +50,7 @@ class Told:
             if self._each:
                 report.say(report.done_before_line(job))
         if not self._each and plan.settled:
-            report.say(f"{len(plan.settled)} jobs done before, {len(plan.todo)} to do")
+            report.say(f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do")
         if plan.changed:
             line = f"done again, as inputs, settings or outputs changed: {plan.changed}"
             if len(plan.todo) > 1 or not self._each:
@@ -119,7 +120,7 @@ def summary_line(summary: Summary) -> str:
         parts.append(f"{summary.skipped} done before")
     if summary.left:
         parts.append(f"{summary.left} left")
-    told = f"{summary.jobs} jobs: {', '.join(parts) or 'nothing to do'}"
+    told = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
     if summary.reasons:
         told += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
@@ -154,7 +155,7 @@ def progress_lines(out: Path, found: Progress, failures: int) -> Iterator[str]:
     counts = [f"{found.statuses[s]} {word}" for s, word in _WORDS.items() if found.statuses[s]]
     left = f", {found.left} left" if found.left else ""
     again = f", {found.again} of them to be done again" if found.again else ""
-    yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {found.jobs} jobs"
+    yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {counted(found.jobs, 'job')}"
     if found.shards is not None:
         numbers, division = found.shards
         yield f"  {len(numbers)} of {division} shards begun, not merged yet"

@@ -19,6 +19,7 @@ from defocus_cli.exr_header import is_exr, read_headers
 from defocus_cli.files import read_head
 from defocus_cli.float_maps import is_float_map, read_float_map
 from defocus_cli.layers import choose_depth
+from defocus_cli.quantities import counted
 from defocus_cli.raster import read_raster, read_samples
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def require_valid(depth: Depth) -> None:
     count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(depth.metres.shape))
     if not count:
         return
-    problem = f"has {count} pixels that are NaN or ≤ 0, the first at {first}"
+    problem = f"is NaN or ≤ 0 in {counted(count, 'pixel')}, the first at {first}"
     raise InputError(depth.path, problem, "fill the holes, and write inf for sky")
 
 

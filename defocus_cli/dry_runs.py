@@ -11,6 +11,7 @@ from defocus_cli import report
 from defocus_cli.errors import SomeFailed, UserError
 from defocus_cli.job import MAP_KINDS, Job
 from defocus_cli.plan import Plan
+from defocus_cli.quantities import counted
 
 if TYPE_CHECKING:
     from defocus_cli.forecast import Forecast
@@ -92,14 +93,15 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
     for job in todo if verbose else ():
         click.echo(report.plan_line(job))
     beyond = f", {plan.beyond} beyond the limit" if plan.beyond else ""
-    click.echo(f"{len(plan.settled)} jobs done before, {len(todo)} to do{beyond}")
+    click.echo(f"{counted(len(plan.settled), 'job')} done before, {len(todo)} to do{beyond}")
     if unusable:
         tried = len(found) + len(unusable)
         click.echo(f"{len(unusable)} of {tried} that were looked at would not be done")
     if whole is not None:
         few = f", going by {len(found)} of them" if len(found) < len(todo) else ""
+        crew = counted(processes, "process", "processes")
         click.echo(
-            f"about {forecast.duration(seconds)} in {processes} processes, {size / 2**30:.2f} GB "
+            f"about {forecast.duration(seconds)} in {crew}, {size / 2**30:.2f} GB "
             f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
         )
 

@@ -18,6 +18,7 @@ from defocus_cli.arrays import Stack, bands
 from defocus_cli.errors import InputError, UsageProblem, reason
 from defocus_cli.exr import clamped_half, write_exr
 from defocus_cli.files import quiet, unwritable, written_whole
+from defocus_cli.quantities import counted
 from defocus_cli.transfer import linear_to_srgb, quantised
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def write_image(
             clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
         write_exr(path, {**(extras or {}), **named}, attributes, corner)
-        warning = f"{clamped} pixels beyond ±65504 clamped to half; float keeps them"
+        warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
         problem = "has a suffix of no format that can be written"
@@ -98,7 +99,7 @@ def write_image(
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
     if clipped:
-        warnings.append(f"{clipped} pixels above 1 clipped")
+        warnings.append(f"{counted(clipped, 'pixel')} above 1 clipped")
     return warnings
 
 

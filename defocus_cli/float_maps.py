@@ -61,6 +61,9 @@ def _npy(path: Path, kinds: str) -> NDArray[Any]:
         # Mapped, since np.load would allocate whatever size the header claims.
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     except Exception as error:
+        if "Python objects" in str(error):
+            problem, remedy = "holds Python objects, not numbers", "save an array of floats"
+            raise InputError(path, problem, remedy) from error
         problem = f"is a truncated or damaged NPY file ({reason(error)})"
         raise InputError(path, problem, _AGAIN) from error
     if values.dtype.kind not in kinds:

@@ -17,6 +17,7 @@ from defocus_cli.exr_header import is_exr, read_headers
 from defocus_cli.files import read_head
 from defocus_cli.float_maps import is_float_map, read_float_map
 from defocus_cli.layers import ColorLayer, choose_color
+from defocus_cli.quantities import counted
 from defocus_cli.raster import Raster, read_raster, read_samples
 from defocus_cli.transfer import decoding_table, srgb_to_linear
 
@@ -137,7 +138,7 @@ def require_finite(color: Color) -> None:
     )
     if not count:
         return
-    problem = f"has {count} pixels that are NaN or infinite, the first at {first}"
+    problem = f"is NaN or infinite in {counted(count, 'pixel')}, the first at {first}"
     raise InputError(color.path, problem, "render or save it again with finite values")
 
 

@@ -147,3 +147,8 @@ def _positive(value: float, text: str, example: str) -> float:
     if not 0 < value < math.inf:
         raise QuantityError(f"'{text}' is not positive and finite", f"give one that is, {example}")
     return value
+
+
+def counted(count: int, one: str, several: str = "") -> str:
+    """A number of things: ``1 job``, ``2 jobs``."""
+    return f"{count} {one if count == 1 else several or f'{one}s'}"

@@ -15,7 +15,7 @@ import click
 
 from defocus_cli.arrays import scratch_folder
 from defocus_cli.files import spoken
-from defocus_cli.quantities import Percentile, length_text
+from defocus_cli.quantities import Percentile, counted, length_text
 
 if TYPE_CHECKING:
     from defocus_cli.inspection import DepthFound, Inspection, MapFound
@@ -161,7 +161,7 @@ def outcome_lines(
     if verbose:
         yield f"  depth: {record['depth_note']}"
         yield (
-            f"  {record['device']}, {job.machine.threads} threads, {record['quality']}, "
+            f"  {record['device']}, {counted(job.machine.threads, 'thread')}, {record['quality']}, "
             f"{seconds['cpu']:.2f} CPU s"
         )
         if "scratch_mb" in result["stats"]:
@@ -242,7 +242,11 @@ def inspection_lines(found: Inspection) -> Iterator[str]:
     if found.color is None:
         yield f"  no colour: {found.color_note}"
     else:
-        holes = f", {found.color.nonfinite} pixels not finite" if found.color.nonfinite else ""
+        holes = (
+            f", {counted(found.color.nonfinite, 'pixel')} not finite"
+            if found.color.nonfinite
+            else ""
+        )
         yield f"  colour: {', '.join(found.color.channels)}{holes}"
     if found.depth is None:
         yield f"  no depth: {found.depth_note}"
@@ -254,7 +258,8 @@ def _depth_lines(depth: DepthFound) -> Iterator[str]:
     reach = "no finite depth"
     if depth.range_m is not None:
         reach = f"{depth.range_m[0]:.6g} m to {depth.range_m[1]:.6g} m"
-    yield f"  depth: {reach}, {depth.sky} sky and {depth.invalid} invalid pixels ({depth.note})"
+    invalid = counted(depth.invalid, "invalid pixel")
+    yield f"  depth: {reach}, {depth.sky} sky and {invalid} ({depth.note})"
     if depth.lens is not None and depth.coc_px is not None:
         near, far = depth.coc_px
         yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_words(depth.lens)})"

@@ -312,7 +312,7 @@ def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> N
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     ran = run("batch", path, "-o", out, "--dry-run")
     assert ran.code == 0
-    assert ran.err.count("a.exr: has 384 pixels that are NaN or ≤ 0") == 2
+    assert ran.err.count("a.exr: is NaN or ≤ 0 in 384 pixels") == 2
     assert "4 to do\n2 of 4 that were looked at would not be done\nabout " in ran.out
     told = run("batch", path, "-o", out, "--dry-run", "--json").json
     assert (told["unusable"], told["forecast"]["pictures_read"]) == (2, 2)

@@ -156,7 +156,7 @@ def test_colour_that_is_not_finite(bad: float, tmp_path: Path, depth: Path, out:
     pixels = texture()
     pixels[3, 4, 1] = bad
     path = color_exr(tmp_path / "c.exr", pixels)
-    refused_input(render(path, depth, "-o", out), path, "1 pixels", "4,3")
+    refused_input(render(path, depth, "-o", out), path, "1 pixel,", "4,3")
 
 
 def test_a_deep_exr(tmp_path: Path, color: Path, depth: Path, out: Path) -> None:

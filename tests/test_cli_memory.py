@@ -97,11 +97,11 @@ def test_holes_and_infinite_pixels_are_found_in_scratch_files(
     pixels, depth = texture(*SIZE), ramp(*SIZE)
     depth[40, 7] = depth[60, 1] = np.nan
     args = (color_exr(tmp_path / "c.exr", pixels), depth_exr(tmp_path / "z.exr", depth))
-    refused(render(*args, "-o", tmp_path / "out"), 3, "2 pixels that are NaN or ≤ 0", "at 7,40")
+    refused(render(*args, "-o", tmp_path / "out"), 3, "is NaN or ≤ 0 in 2 pixels", "at 7,40")
     pixels[50, 3] = np.inf
     color_exr(tmp_path / "c.exr", pixels)
     depth_exr(tmp_path / "z.exr", ramp(*SIZE))
-    refused(render(*args, "-o", tmp_path / "out"), 3, "1 pixels that are NaN or inf", "at 3,50")
+    refused(render(*args, "-o", tmp_path / "out"), 3, "is NaN or infinite in 1 pixel,", "at 3,50")
 
 
 def test_a_damaged_file_is_refused_in_strips_as_well(

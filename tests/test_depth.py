@@ -137,7 +137,7 @@ def test_require_valid_names_count_and_first_pixel(tmp_path: Path) -> None:
     require_valid(read_depth(tmp_path / "a.exr"))
     values[2, 4], values[3, 1] = np.nan, 0
     write_exr(tmp_path / "a.exr", {"Z": values}, {})
-    with pytest.raises(InputError, match=r"2 pixels that are NaN or ≤ 0, the first at 4,2; "):
+    with pytest.raises(InputError, match=r"is NaN or ≤ 0 in 2 pixels, the first at 4,2; "):
         require_valid(read_depth(tmp_path / "a.exr"))
 
 
@@ -194,7 +194,10 @@ def test_a_bad_npy_is_refused(tmp_path: Path) -> None:
     bad: list[tuple[Any, str]] = [
         (np.ones((2, 3), np.uint16), "uint16 numbers, whose unit is unknown"),
         (np.ones((2, 3, 3), np.float32), "2 × 3 × 3 numbers, not height × width"),
-        (np.array([{"pickled": 1}], dtype=object), "damaged NPY"),
+        (
+            np.array([{"pickled": 1}], dtype=object),
+            "Python objects, not numbers; save",
+        ),
     ]
     for values, problem in bad:
         np.save(path, values, allow_pickle=True)

@@ -117,7 +117,7 @@ def test_clipped_highlights_are_counted(tmp_path: Path) -> None:
     pixels[2, 3] = 7
     pixels[2, 4] = 1.0000002  # white, as blur returns it
     (warning,) = write_image(tmp_path / "a.png", pixels, "RGB", attributes={})
-    assert warning == "1 pixels above 1 clipped"
+    assert warning == "1 pixel above 1 clipped"
 
 
 def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:

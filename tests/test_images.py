@@ -296,7 +296,7 @@ def test_infinite_colour_is_refused_by_name() -> None:
     require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
     pixels[1, 2, 0] = np.inf
     pixels[2, 0, 1] = np.nan
-    with pytest.raises(InputError, match=r"2 pixels that are NaN or infinite, the first at 2,1"):
+    with pytest.raises(InputError, match=r"is NaN or infinite in 2 pixels, the first at 2,1"):
         require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
 
 

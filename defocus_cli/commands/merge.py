@@ -10,6 +10,7 @@ from defocus_cli import aftermath, merging, options, report
 from defocus_cli.batch_options import shards_size_option
 from defocus_cli.grouped import GroupedCommand
 from defocus_cli.option_types import FilePath
+from defocus_cli.quantities import counted
 
 
 @click.command("merge", cls=GroupedCommand, short_help="Make one journal of those of all shards.")
@@ -28,7 +29,8 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """  # noqa: D301  click reads the backspace
     merged = merging.merge(out)
     written = aftermath.index(out, shards_size)
-    report.say(f"{out}: {merged.jobs} jobs, from {merged.journals} journals of shards")
+    journals = counted(merged.journals, "journal")
+    report.say(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
     if merged.missing:
         missing = f"no journal of shards {', '.join(merged.missing)}"
         report.say(f"{out}: warning: {missing}; they did not run, or had nothing to do")

@@ -12,6 +12,7 @@ import click
 from defocus_cli import options, report, verify_table
 from defocus_cli.grouped import GroupedCommand
 from defocus_cli.job import Machine
+from defocus_cli.quantities import counted
 from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
@@ -66,8 +67,7 @@ def command(machine: Machine, as_json: bool) -> int:
     else:
         for line in verify_table.lines(checks):
             click.echo(line)
-        noun = "thread" if machine.threads == 1 else "threads"
-        work = f"{device}, {machine.quality}, {machine.threads} {noun}"
+        work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
         click.echo(f"{verify_table.summary(checks, seconds)} ({work})")
     return 0 if ok else 1
 
