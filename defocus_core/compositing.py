@@ -119,7 +119,7 @@ def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
 
 
 def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:
-    """The sum of layers that do not occlude each other: all are behind the same.
+    """The sum of layers that do not occlude each other.
 
     Args:
         layers: Each [M, C + 1, h, w] within a rectangle.

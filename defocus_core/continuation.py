@@ -8,6 +8,7 @@ surfaces instead of borders (`sheets.py`); only the pixels that ask are looked u
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,20 +22,36 @@ _ENOUGH = 0.5
 _PIXELS = 1 << 15
 
 
+class Asked(NamedTuple):
+    """Pixels that something is continued to, and which surfaces.
+
+    Attributes:
+        at: [n, 2] rows and columns, in between pixels too.
+        border: [n] px of radius, beyond which a surface is continued.
+        ceiling: [n] px, from which on it is not.
+    """
+
+    at: Tensor
+    border: Tensor
+    ceiling: Tensor
+
+    def some(self, index: Tensor) -> Asked:
+        """Some of them."""
+        return Asked(*(values.index_select(0, index) for values in self))
+
+
 def continued(
     finest: tuple[Tensor, Tensor],
     levels: Sequence[Level],
-    at: Tensor,
-    border: Tensor,
+    asked: Asked,
     fine: tuple[Axis, Axis],
 ) -> tuple[Tensor, Tensor]:
-    """Values of some pixels, of each from the surfaces that lie beyond its border.
+    """Values of some pixels, each from the surfaces that are continued to it.
 
     Args:
         finest: What is around them at the finest resolution, as below.
         levels: The next ones, from fine to coarse, K channels.
-        at: [n, 2] rows and columns of the pixels at full resolution, in between them too.
-        border: [n] px of radius.
+        asked: The pixels, at full resolution.
         fine: Where the middle of the frame is at full resolution.
 
     Returns:
@@ -45,53 +62,51 @@ def continued(
         some = torch.nonzero(weight < _ENOUGH)[:, 0]
         if not len(some):
             break
-        found, share = nearby(level, at.index_select(0, some), border.index_select(0, some), fine)
+        found, share = nearby(level, asked.some(some), fine)
         left = 1 - weight.index_select(0, some)
         values = values.index_add(1, some, found * left)
         weight = weight.index_add(0, some, share * left)
     return values, weight
 
 
-def nearby(
-    level: Level, at: Tensor, border: Tensor, fine: tuple[Axis, Axis]
-) -> tuple[Tensor, Tensor]:
+def nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
     """What is around some pixels at one resolution; arguments and result as above."""
-    if len(at) <= _PIXELS:
-        return _nearby(level, at, border, fine)
-    parts = [
-        _nearby(level, *some, fine)
-        for some in zip(torch.split(at, _PIXELS), torch.split(border, _PIXELS), strict=True)
-    ]
+    if len(asked.at) <= _PIXELS:
+        return _nearby(level, asked, fine)
+    pieces = zip(*(torch.split(values, _PIXELS) for values in asked), strict=True)
+    parts = [_nearby(level, Asked(*some), fine) for some in pieces]
     values, weights = zip(*parts, strict=True)
     return torch.cat(values, 1), torch.cat(weights)
 
 
-def _nearby(
-    level: Level, at: Tensor, border: Tensor, fine: tuple[Axis, Axis]
-) -> tuple[Tensor, Tensor]:
+def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
     """The four cells around each pixel, by their distance."""
-    place = torch.stack(places(at, fine, level.middle, level.halvings))
-    (row, column), (down, across) = _neighbours(place.to(border.dtype), level.size)
+    n = len(asked.at)
+    place = torch.stack(places(asked.at, fine, level.middle, level.halvings))
+    (row, column), (down, across) = _neighbours(place.to(asked.border.dtype), level.size)
     cell = (row[:, None] * level.size[1] + column).flatten()
-    share, limit = (down[:, None] * across).flatten(), border.repeat(4)
-    found, light = _weighed(level.first, cell, limit, share)
-    values, weight = found.reshape(-1, 4, len(at)).sum(1), light.reshape(4, -1).sum(0)
+    share = (down[:, None] * across).flatten()
+    ends = asked.border.repeat(4), asked.ceiling.repeat(4)
+    found, light = _weighed(level.first, cell, ends, share)
+    values, weight = found.reshape(-1, 4, n).sum(1), light.reshape(4, -1).sum(0)
     if level.second is not None and level.number is not None:
         number = level.number.index_select(0, cell)
         some = torch.nonzero(number >= 0)[:, 0]
         if len(some):
-            number, limit, share = (x.index_select(0, some) for x in (number, limit, share))
-            found, light = _weighed(level.second, number, limit, share)
-            pixel = some % len(at)
+            number, low, high, share = (x.index_select(0, some) for x in (number, *ends, share))
+            found, light = _weighed(level.second, number, (low, high), share)
+            pixel = some % n
             values, weight = values.index_add(1, pixel, found), weight.index_add(0, pixel, light)
     most = weight.clamp(min=1)
     return values / most, weight / most
 
 
-def _weighed(sheet: Sheet, cell: Tensor, border: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
-    """Values [K, n] of a cell each times their weights, and these [n]; 0 up to the border."""
-    weight = share * sheet.weight.index_select(0, cell)
-    weight = weight * (sheet.least.index_select(0, cell) > border)
+def _weighed(
+    sheet: Sheet, cell: Tensor, ends: tuple[Tensor, Tensor], share: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Values [K, n] of a cell each times their weights, and these [n]; 0 but between two ends."""
+    weight, least = share * sheet.weight.index_select(0, cell), sheet.least.index_select(0, cell)
+    weight = weight * ((least > ends[0]) & (least < ends[1]))
     return sheet.values.index_select(1, cell) * weight, weight
 
 

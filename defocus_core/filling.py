@@ -1,7 +1,7 @@
-"""A hidden surface, which fills what visible ones leave: blurred and summed, tile by tile.
+"""A hidden surface, which fills what visible ones leave: blurred and composited, tile by tile.
 
-Its slices do not occlude each other, for all of them are behind the same. What was invented is no
-sharper than what it was continued from: half of the resolution will do for it.
+What was invented is no sharper than what it was continued from: half of the resolution will do for
+it.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.blur import Blur, Sliced
-from defocus_core.compositing import summed
+from defocus_core.blur import Blur, Shown, Sliced
+from defocus_core.compositing import add_behind, summed
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes, halves, place_of
 from defocus_core.hidden import HiddenLayer
@@ -69,6 +69,7 @@ class Filling:
         self._sliced: Sliced = self._blur.sliced(samples, slices.stride, slices.layers)
         self.plan = self._sliced.surface.plan
         self.windows: list[Window] = slices.windows[:: slices.stride]
+        self._sides = slices.sides
         self._shares: dict[tuple[float, int, int], Tensor] = {}
 
     def over_tile(self, index: int) -> list[Tensor | None]:
@@ -76,8 +77,7 @@ class Filling:
         tile, cells = self._tiles.tiles[index], self._cells_of[index]
         size = cells.height, cells.width
         found = [
-            summed(((some.box, some.layer) for some in layers.values()), size)
-            for layers in self._blur.over_tile(self._sliced, index)
+            self._composited(layers, size) for layers in self._blur.over_tile(self._sliced, index)
         ]
         if not self.halvings:
             return found
@@ -88,6 +88,18 @@ class Filling:
                 some = rows * _FILLS @ some @ columns.mT
             result.append(some)
         return result
+
+    def _composited(self, layers: dict[int, Shown], size: tuple[int, int]) -> Tensor | None:
+        """Layers as they occlude each other: [m, C + 1, h, w]; None if there is none."""
+        sides: dict[int, list[Shown]] = {}
+        for number in sorted(layers):
+            sides.setdefault(self._sides[number], []).append(layers[number])
+        found: Tensor | None = None
+        for side in sorted(sides):
+            total = summed(((shown.box, shown.layer) for shown in sides[side]), size)
+            if total is not None:
+                found = add_behind(torch.zeros_like(total) if found is None else found, total)
+        return found
 
     def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Tensor:
         """The shares [pixels, cells] of cells in the pixels of a tile."""

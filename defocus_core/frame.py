@@ -13,7 +13,7 @@ from defocus_core.hidden import AROUND, Behind
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.mending import Mending
 from defocus_core.quality import Quality
-from defocus_core.slicing import SHARP, evenly, layers, rungs
+from defocus_core.slicing import SHARP, evenly, layers, rungs, sides_of_focus
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey
 from defocus_core.tiling import Box, Grid, grid_over, largest, regions
@@ -32,7 +32,8 @@ class FillSlices(NamedTuple):
         stride: They are every one (1) or every other (2) of those of the frame.
         halvings: How many times resolution is halved before anything else.
         windows: Of all slices of the frame, in cells of this resolution.
-        layers: The number of the layer of each: all of a window.
+        layers: The number of the layer of each: all of a window, and of one side of focus.
+        sides: For each layer this side: those of a side add up, sides occlude each other.
         cells: Cells of this resolution that light of each spreads at most.
         reaches: Px of the frame that each spreads.
     """
@@ -41,6 +42,7 @@ class FillSlices(NamedTuple):
     halvings: int
     windows: list[Window]
     layers: list[int]
+    sides: dict[int, int]
     cells: list[int]
     reaches: list[int]
 
@@ -184,9 +186,11 @@ def frame_of(
         return windows(scaled, spreads, numbers, *sides, aperture, cells, dtype, pixels.device)
 
     def filling(stride: int, halvings: int, spreads: list[Spread], px: list[int]) -> FillSlices:
-        layers = alike(numbers, spreads, halved(side, halvings))
+        sides = sides_of_focus(radii)
+        layers = alike(numbers, sides, spreads, halved(side, halvings))
         of_all = windows_at(halvings, spreads, layers)
-        return FillSlices(stride, halvings, of_all, layers, [s.px for s in spreads], px)
+        side_of = dict(zip(layers, sides, strict=True))
+        return FillSlices(stride, halvings, of_all, layers, side_of, [s.px for s in spreads], px)
 
     stride = 1 if num_layers else quality.hidden_stride
     return Frame(

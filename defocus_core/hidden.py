@@ -14,18 +14,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.backdrop import DECAY, Backdrop, backdrop
-from defocus_core.continuation import continued, nearby
+from defocus_core.backdrop import Backdrop, backdrop
+from defocus_core.continuation import Asked, continued, nearby
 from defocus_core.halving import Axis
+from defocus_core.reach import DECAY, STEP
 from defocus_core.sheets import Level, coarser, pixels_of
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 from defocus_core.transport import FARTHEST, transported
 from defocus_core.view import View, half_view, in_cells, in_pixels, whole_view
 
-# How much farther, in px of radius, than the surface in front of it hidden content must be; no
-# round number, so that rounding decides nothing.
-STEP = 0.51
 # Where between a near and a far radius the border is that tells them apart: where the far one is
 # shown with more than half of its distance left, and where with less.
 _BETWEEN, _NEARER = 0.375, 0.175
@@ -110,32 +108,37 @@ def hidden_layer(
     wanted = view.cells(wanted)
     around = wanted.grown(_WIDEST >> halvings, Box(0, 0, h, w))  # what is put together, is whole
     near = around.of(view.near)
-    shown, source = beyond.revealed(around, view.middle, halvings)
-    behind = shown > near + STEP
+    revealed = beyond.reach.behind(near, around, view.middle, halvings)
+    behind = revealed.shown > near + STEP
     index = torch.nonzero(behind.flatten())[:, 0]
     if not len(index):
         return None
     y = index.div(around.width, rounding_mode="floor")
     at = torch.stack([y + around.top, index - y * around.width + around.left], 1)
-    of_near, far, cone = (x.flatten().index_select(0, index) for x in (near, source, shown))
-    border, spent = _border(of_near, far, cone), far - cone
+    of_near, cone, far, ceiling = (x.flatten().index_select(0, index) for x in (near, *revealed))
+    asked, spent = Asked(at, _border(of_near, far, cone), ceiling), far - cone
     found = of_near.new_zeros(len(at), len(view.picture))
     exists = torch.zeros_like(of_near, dtype=torch.bool)
-    for some, side in ((spent <= _CLOSE, 2), (spent > _CLOSE, 4)):
+    several = ceiling < torch.inf
+    for some, side in (
+        (several, 2),
+        (~several & (spent <= _CLOSE), 2),
+        (~several & (spent > _CLOSE), 4),
+    ):
         some = torch.nonzero(some)[:, 0]
         if not len(some):
             continue
-        place, limit = (x.index_select(0, some) for x in (at, border))
-        groups = _grouped(place, limit, view.middle, side >> halvings)
+        few = asked.some(some)
+        groups = _grouped(few, view.middle, side >> halvings)
         result, tensor, weight = _seen_coarsely(beyond, groups, view, box)
         if side == 2:
-            result, weight = _with_what_is_next(result, weight, half, view, place, limit)
+            result, weight = _with_what_is_next(result, weight, half, view, few)
         result = (result / torch.where(weight > 0, weight, 1.0)).T
         lines = torch.nonzero(spent.index_select(0, some) <= _LINES)[:, 0]
         if len(lines):
-            spot, beyond_it, smooth = (x.index_select(0, lines) for x in (place, limit, result))
+            spot, border, smooth = (x.index_select(0, lines) for x in (*few[:2], result))
             way = tensor.index_select(1, lines).T
-            colors = transported(view.picture, spot, beyond_it, smooth, way, halvings)
+            colors = transported(view.picture, spot, border, smooth, way, halvings)
             result = result.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
         found = found.index_copy(0, some, result)
         exists[some] = weight > 0
@@ -177,28 +180,30 @@ def _seen_coarsely(
     beyond: Backdrop, groups: _Groups, view: View, box: Box
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Colour and radius of cells [C + 1, n] times their weight, structure tensors, and weights."""
-    at = view.pixels(groups.at) + groups.at.new_tensor(box[:2])
+    at = view.pixels(groups.asked.at) + groups.asked.at.new_tensor(box[:2])
+    asked = groups.asked._replace(at=at)
     finest, *levels = beyond.levels
-    both, weight = nearby(finest, at, groups.border, beyond.fine)
+    both, weight = nearby(finest, asked, beyond.fine)
     colors = [level.channels(slice(-3)) for level in levels]
-    values, weight = continued((both[:-3], weight), colors, at, groups.border, beyond.fine)
+    values, weight = continued((both[:-3], weight), colors, asked, beyond.fine)
     tensor = both[-3:]
     for level in levels[: _DIRECTIONS - 1]:
         tensors = level.channels(slice(-3, None))
-        tensor = tensor + nearby(tensors, at, groups.border, beyond.fine)[0]
+        tensor = tensor + nearby(tensors, asked, beyond.fine)[0]
     result, tensor, weight = (x.index_select(-1, groups.of) for x in (values, tensor, weight))
     return result, tensor, weight
 
 
 def _with_what_is_next(
-    values: Tensor, weight: Tensor, half: Level, view: View, at: Tensor, border: Tensor
+    values: Tensor, weight: Tensor, half: Level, view: View, asked: Asked
 ) -> tuple[Tensor, Tensor]:
     """The same with what lies next to the pixels of cells, at half of the resolution, first."""
     offsets = (-0.25, 0.25) if view.halvings else (0.0,)
-    offset = border.new_tensor([(y, x) for y in offsets for x in offsets])
-    n, count = len(at), len(offset)
-    spots = (offset[:, None] + at).flatten(0, 1)
-    found, share = nearby(half, view.pixels(spots), border.repeat(count), view.fine)
+    offset = asked.border.new_tensor([(y, x) for y in offsets for x in offsets])
+    n, count = len(asked.at), len(offset)
+    spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
+    each = Asked(spots, asked.border.repeat(count), asked.ceiling.repeat(count))
+    found, share = nearby(half, each, view.fine)
     found, share = found.reshape(-1, count, n).mean(1), share.reshape(count, n).mean(0)
     most = (share * _NEXT).clamp(max=1)
     left = 1 - most
@@ -210,27 +215,25 @@ class _Groups(NamedTuple):
     """Cells put together where what is seen coarsely is the same for them.
 
     Attributes:
-        at: [m, 2] rows and columns of their middles.
-        border: [m] px, the farthest.
+        asked: m, by the rows and columns of their middles; the farthest border and ceiling.
         of: [n] to which of them each cell belongs.
     """
 
-    at: Tensor
-    border: Tensor
+    asked: Asked
     of: Tensor
 
 
-def _grouped(at: Tensor, border: Tensor, middle: tuple[Axis, Axis], side: int) -> _Groups:
+def _grouped(asked: Asked, middle: tuple[Axis, Axis], side: int) -> _Groups:
     """Squares of cells, symmetric about the middle of the frame.
 
     Args:
-        at: [n, 2] rows and columns.
-        border: [n] px.
+        asked: n cells.
         middle: Of the frame.
         side: Cells on a side, an even number or 1.
     """
+    at = asked.at
     if side == 1:
-        return _Groups(at, border, torch.arange(len(at), device=at.device))
+        return _Groups(asked, torch.arange(len(at), device=at.device))
     numbers, firsts, counts = [], [], []
     for d, axis in enumerate(middle):
         offset = at[:, d] - axis.middle
@@ -247,14 +250,14 @@ def _grouped(at: Tensor, border: Tensor, middle: tuple[Axis, Axis], side: int) -
     present[key] = True
     cell = torch.nonzero(present)[:, 0]
     of = (present.cumsum(0, dtype=torch.int32) - 1).index_select(0, key).long()
-    farthest = torch.full_like(border[:1], -torch.inf).repeat(len(cell))
-    farthest = farthest.scatter_reduce(0, of, border, "amax")
+    blank = torch.full_like(asked.border[:1], -torch.inf).repeat(len(cell))
+    border, ceiling = (blank.scatter_reduce(0, of, x, "amax") for x in asked[1:])
     row = cell.div(counts[1], rounding_mode="floor")
     places = [
         (number + first) * side + axis.middle + (0.0 if axis.odd else (side - 1) / 2)
         for number, first, axis in zip((row, cell - row * counts[1]), firsts, middle, strict=True)
     ]
-    return _Groups(torch.stack(places, 1), farthest, of)
+    return _Groups(Asked(torch.stack(places, 1), border, ceiling), of)
 
 
 def _border(near: Tensor, far: Tensor, shown: Tensor) -> Tensor:

@@ -4,7 +4,8 @@ An anti-aliased pixel holds α of the nearer surface and 1 - α of the farther o
 only one of them. Left as they are, such pixels draw ghost lines: the nearer colour stays behind,
 sharp, where the nearer surface is blurred away. They are taken apart in the way of Bayesian matting
 (Chuang et al. 2001): both surfaces have a mean and a variance beside the edge, a pixel is expected
-to be whole, and the most probable α and colours that give it are kept.
+to be whole, and the most probable α and colours that give it are kept. Of a wire so thin that none
+of its pixels is off the edge, those are left as they are, and what lies beside is cleaned of them.
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ class Unmixed(NamedTuple):
 def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     """Take mixed pixels apart.
 
-    Pixels beside which one of the two surfaces is nowhere seen alone, as in wires a pixel wide, are
-    left as they are.
+    Pixels beside which the farther surface is nowhere seen alone, and those of a nearer one that is
+    not, as of a wire two px wide, are left as they are.
 
     Args:
         image: [C, H, W] linear.
@@ -133,6 +134,7 @@ def _taken_apart(
     colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
     values = torch.cat([colors, colors * colors, radii[None]])  # [2 C + 1, 25, n]
     near, far = (_side(values, nearness * side) for side in (is_near, ~is_near))
+    near, thin = _with_thin(near, far, values, torch.exp(-squares / 4)[:, None] * is_near)
     middle = len(place) // 2
     own_near, color = is_near[middle], colors[:, middle].T
     alpha = _mixture(color, near, far, own_near.to(color.dtype))
@@ -147,12 +149,31 @@ def _taken_apart(
     )
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
-    known = near.known & far.known
+    known = near.known & far.known & ~(thin & own_near)
     own = torch.where(own_near[:, None], near_color, far_color)[known]
     coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
     behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
     fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
     return at[known], own, coverage, at[behind], fringe[behind], near.signed_radius[behind]
+
+
+def _with_thin(near: _Side, far: _Side, values: Tensor, weight: Tensor) -> tuple[_Side, Tensor]:
+    """The near side, of all of its pixels where each is on an edge, and [n] bool where that is so.
+
+    These may be mixed, too, but along the same line of colours: what they hold beside the far
+    side's colour is what the pixels beside hold of it.
+
+    Args:
+        near: Without.
+        far: The other.
+        values: As for `_side`.
+        weight: [25, n], of all of its pixels.
+    """
+    some = torch.nonzero(~near.known & far.known)[:, 0]
+    thin = torch.zeros_like(near.known).index_fill(0, some, True)
+    mixed = _side(values[..., some], weight[:, some])._replace(variance=far.variance[some])
+    found = (each.index_copy(0, some, other) for each, other in zip(near, mixed, strict=True))
+    return _Side(*found), thin
 
 
 def _side(values: Tensor, weight: Tensor) -> _Side:

@@ -1,7 +1,7 @@
 """A region of a picture through the pipeline: slice, blur, composite, tile by tile.
 
-Visible slices are blurred one by one and composited front to back, per part of the aperture.
-Hidden slices fill only what is left, so they are summed while still transformed.
+Slices of a layer are summed while still transformed; layers are composited front to back, per part
+of the aperture. Hidden layers fill only what visible ones leave.
 """
 
 from __future__ import annotations

@@ -103,6 +103,11 @@ def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
     return [number[name] for name in names]
 
 
+def sides_of_focus(radii: tuple[float, ...]) -> list[int]:
+    """For each slice -1, 0 or 1: nearer than focus, in focus or not far from it, beyond it."""
+    return [0 if abs(r) < _ALONE else (1 if r > 0 else -1) for r in radii]
+
+
 def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """Where radii [...] px stand on the ladder: k on rung k, between k and k + 1 by shares.
 

@@ -157,11 +157,14 @@ def windows(
     return [found[k] for k in range(len(radii))]
 
 
-def alike(layers: list[int], spreads: list[Spread], side: tuple[int, int]) -> list[int]:
-    """Neighbouring layers whose transforms are as large made one: for slices that all add up.
+def alike(
+    layers: list[int], sides: list[int], spreads: list[Spread], side: tuple[int, int]
+) -> list[int]:
+    """Neighbouring layers whose transforms are as large made one, if their slices add up.
 
     Args:
         layers: The number of the layer of each slice.
+        sides: Those of different sides do not.
         spreads: How they are blurred, alike for all of a layer.
         side: (height, width) of a tile in px.
     """
@@ -170,11 +173,12 @@ def alike(layers: list[int], spreads: list[Spread], side: tuple[int, int]) -> li
         widest[number] = max(widest.get(number, 0), spread.cells)
     names = [
         (
+            where,
             spread.halvings,
             widest[number] == 0,
             *(transform_length((n >> spread.halvings) + 2 * widest[number]) for n in side),
         )
-        for number, spread in zip(layers, spreads, strict=True)
+        for number, where, spread in zip(layers, sides, spreads, strict=True)
     ]
     other = [name != before for before, name in pairwise(names)]
     return list(accumulate(other, initial=0))

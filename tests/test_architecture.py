@@ -55,6 +55,7 @@ LAYERS = [
         "probes",
         "quality",
         "ranks",
+        "reach",
         "recomputed",
         "resampling",
         "scenery",

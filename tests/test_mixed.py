@@ -63,8 +63,26 @@ def test_the_parts_make_the_pixel(alpha: float) -> None:
 def test_a_wire_of_a_pixel_is_left_alone() -> None:
     """Nowhere is it seen without what is behind it."""
     image, radius = pattern(SIZE), torch.full(SIZE, 4.0, dtype=torch.float64)
-    radius[:, 10] = -5.0
-    assert torch.equal(unmixed(image, radius).color, image)
+    image[:, :, 10], radius[:, 10] = 0.9, -5.0
+    assert torch.equal(unmixed(image, radius).color[:, :, 10], image[:, :, 10])
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4])
+def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share: float) -> None:
+    """No pixel of the wire is off an edge, and none need be whole."""
+    green, grey = (torch.tensor(c, dtype=torch.float64) for c in ([0.1, 0.5, 0.3], [0.7, 0.7, 0.7]))
+    held = torch.zeros(SIZE[1], dtype=torch.float64)
+    held[9:13] = torch.tensor([share, 0.8, 0.9, share])
+    image = (grey[:, None] * held + green[:, None] * (1 - held))[:, None].expand(3, *SIZE).clone()
+    radius = torch.where(held > 0.5, -5.0, 0.0).to(torch.float64).expand(SIZE).clone()
+    o = unmixed(image, radius)
+    for column in (9, 12):
+        assert worst(o.color[:, :, column], green[:, None]) < 0.03
+        assert worst(image[:, :, column], green[:, None]) > 0.1
+    assert torch.equal(o.color[:, :, 10:12], image[:, :, 10:12])
+    lost = (image - o.color)[:, :, [9, 12]]
+    of_fringe = o.fringe.layer[:, :-1].sum(0) - green * o.fringe.layer[:, -1].sum()
+    assert worst(of_fringe, lost.sum((1, 2))) < 0.02 * SIZE[0]
 
 
 def test_a_sharp_subject_has_no_ghost_line() -> None:

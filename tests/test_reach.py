@@ -1,0 +1,80 @@
+"""What edges of depth reveal: how far, and which surface comes next."""
+
+import math
+
+import pytest
+import torch
+from scenes import random_radius
+from torch import Tensor
+
+from defocus_core.backdrop import backdrop
+from defocus_core.halving import axes
+from defocus_core.hidden import hidden_layer
+from defocus_core.reach import DECAY, STEP
+from defocus_core.render import render
+from defocus_core.tiling import Box
+
+SIZE = (64, 80)
+SKY, SIGN, WIRE = 14.0, 0.0, -4.0
+WIRES = slice(38, 40)
+
+
+def street() -> tuple[Tensor, Tensor]:
+    """A sky, a sign before it, and an upright wire before both: of one colour each."""
+    radius = torch.full(SIZE, SKY, dtype=torch.float64)
+    radius[8:56, 16:64] = SIGN
+    radius[:, WIRES] = WIRE
+    image = torch.zeros(3, *SIZE, dtype=torch.float64)
+    for channel, r in enumerate((SKY, SIGN, WIRE)):
+        image[channel] = (radius == r).to(image)
+    return image, radius
+
+
+@pytest.mark.parametrize("halvings", [0, 1])
+def test_behind_a_wire_comes_what_is_beside_it(halvings: int) -> None:
+    image, radius = street()
+    hidden = hidden_layer(image, radius, halvings=halvings)
+    assert hidden is not None
+    step = 1 << halvings
+    on_wire = (slice(None), slice(WIRES.start // step, WIRES.stop // step))
+    of_sign, of_sky = (slice(a // step, b // step) for a, b in ((14, 50), (0, 6)))
+    assert bool(hidden.mask[on_wire].all())
+    assert (hidden.signed_radius[on_wire][of_sign] - SIGN).abs().max() < 1e-6
+    assert (hidden.signed_radius[on_wire][of_sky] - SKY).abs().max() < 1e-6
+    assert (hidden.color[1][on_wire][of_sign] - 1).abs().max() < 1e-6
+    assert (hidden.color[0][on_wire][of_sky] - 1).abs().max() < 1e-6
+
+
+def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire() -> None:
+    """What is hidden occludes, too: behind the sign goes on the sky, and is not seen there."""
+    image, radius = street()
+    picture = render(image, radius, quality="high").render
+    inside = picture[:, 26:38, 32:46]
+    assert inside[0].max() < 0.02
+    assert (inside.sum(0) - 1).abs().max() < 1e-6
+    assert inside[2].max() == pytest.approx(2 * 2 / (math.pi * abs(WIRE)), rel=0.1)
+
+
+@pytest.mark.parametrize("kind", ["street", "random"])
+def test_how_far_an_edge_shows_is_the_greatest_cone(kind: str) -> None:
+    radius = street()[1] if kind == "street" else random_radius(SIZE)
+    reach = backdrop(radius[None], radius).reach
+    revealed = reach.behind(radius, Box(0, 0, *SIZE), axes(SIZE), 0)
+    y, x = (at.flatten() for at in torch.meshgrid(*map(torch.arange, SIZE), indexing="ij"))
+    r, edges = radius.flatten(), torch.zeros(SIZE, dtype=torch.bool)
+    down, across = radius.diff(dim=0), radius.diff(dim=1)
+    edges[:-1] |= down < -1
+    edges[1:] |= down > 1
+    edges[:, :-1] |= across < -1
+    edges[:, 1:] |= across > 1
+    at = torch.nonzero(edges.flatten())[:, 0]
+    away = (y[:, None] - y[at]).abs() + (x[:, None] - x[at]).abs()
+    cone = (r[at] - DECAY * away).amax(1).reshape(SIZE)
+    alone = revealed.ceiling == torch.inf
+    # cells are two px wide, radii are told in grains
+    assert (revealed.shown - cone)[alone].abs().max() < 4 * DECAY + 2 / 16
+    closest = away.amin(1).reshape(SIZE)[~alone]
+    assert bool((radius + STEP < revealed.shown)[~alone].all())
+    spent = (revealed.source - revealed.shown)[~alone] / DECAY
+    assert len(spent) or kind == "random"
+    assert bool(((spent - closest).abs() <= 4).all())
