@@ -7,6 +7,7 @@ area does. Sums are in double precision, and leave next to nothing beside a brig
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -71,24 +72,29 @@ def draw(
     canvas = _Canvas(len(parts), highlights.excess, box)
     obstruction = Obstruction(signed_radius.detach(), places.detach(), radii)
     for alike in _alike(highlights, most, box):
-        kernels = [kernel(alike.radii, 2 * alike.extent + 1, aperture, part) for part in parts]
-        rims = [_Rim(one) for one in kernels]
         squares = Squares.of(alike.extent)
-        cut = [squares.cut(one) for one in kernels]
-        lit = torch.stack([(one != 0).any(-1).any(-1) for one in cut]).any(0)  # [U, across, across]
+        rims, cut = [], []
+        for part in parts:
+            one = kernel(alike.radii, 2 * alike.extent + 1, aperture, part)
+            rims.append(_Rim(one))
+            cut.append(squares.cut(one))
+        lit = torch.stack([(one != 0).any(-1).any(-1) for one in cut])  # [M, U, across, across]
+        wanted = lit.any(0)
         step = max(1, _SAMPLES // max(rim.row.shape[1] for rim in rims))
         for start in range(0, len(alike.which), step):
             some = alike.some(start, start + step)
             for m, rim in enumerate(rims):
                 canvas.add_rims(m, rim, some)
             at, r = some.highlights.at, some.highlights.signed_radius.detach()
-            for stopped in obstruction.stopped(at, r, squares, lit[some.which]):
+            for stopped in obstruction.stopped(at, r, squares, wanted[some.which]):
+                which = some.which[stopped.light]
                 for m, one in enumerate(cut):
-                    which = some.which[stopped.light]
-                    values = one[which, stopped.row, stopped.column] * stopped.share
-                    corner = at[stopped.light] + squares.corners(stopped.row, stopped.column)
-                    canvas.take(m, corner, values, some.highlights.excess[stopped.light])
-    return canvas.summed().to(highlights.excess.dtype)
+                    here = torch.nonzero(lit[m][which, stopped.row, stopped.column])[:, 0]
+                    light, row, column, share = (x.index_select(0, here) for x in stopped)
+                    values = one[which[here], row, column] * share
+                    corner = at[light] + squares.corners(row, column)
+                    canvas.take(m, corner, values, some.highlights.excess[light])
+    return canvas.summed(highlights.excess.dtype)
 
 
 def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
@@ -156,9 +162,14 @@ class _Canvas:
             colors: [n, C] of what is drawn.
             box: What is wanted of the frame.
         """
-        self._box = box  # a row and a column more take what lies beyond
-        size = (box.height + 1, box.width + 1)
-        self._changes = colors.new_zeros(parts, colors.shape[1], *size, dtype=torch.float64)
+        self._box = box
+        # a row and a column more take what lies beyond; one for each channel of each part, for a
+        # gradient through a part of a tensor copies all of it
+        self._size = (box.height + 1, box.width + 1)
+        self._changes = [
+            [colors.new_zeros(math.prod(self._size), dtype=torch.float64) for _ in colors[0]]
+            for _ in range(parts)
+        ]
 
     def add_rims(self, part: int, rim: _Rim, some: _Alike) -> None:
         """Add discs by their rims."""
@@ -186,15 +197,18 @@ class _Canvas:
         self, part: int, rows: Tensor, columns: Tensor, changes: Tensor, colors: Tensor
     ) -> None:
         """Add changes [n, ...] times colours [n, C, 1, ...] at rows and columns of the frame."""
-        _, channels, height, width = self._changes.shape
+        height, width = self._size
         rows, columns = rows - self._box.top, columns - self._box.left
         rows = torch.where(rows < 0, height - 1, rows).clamp(max=height - 1)
         columns = columns.clamp(0, width - 1)  # what begins before the box is in it
         spot = (rows * width + columns).flatten()
-        for c in range(channels):
-            canvas = self._changes[part, c].view(-1)
+        for c, canvas in enumerate(self._changes[part]):
             canvas.index_add_(0, spot, (changes * colors[:, c]).flatten())
 
-    def summed(self) -> Tensor:
-        """The pictures [M, C, height, width]."""
-        return self._changes.cumsum_(-1)[..., :-1, :-1]
+    def summed(self, dtype: torch.dtype) -> Tensor:
+        """The pictures [M, C, height, width], part by part: nothing is left of the canvas."""
+        found = []
+        while self._changes:
+            sums = [channel.view(self._size).cumsum(-1) for channel in self._changes.pop(0)]
+            found.append(torch.stack([each[:-1, :-1].to(dtype) for each in sums]))
+        return torch.stack(found)

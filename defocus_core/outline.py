@@ -13,8 +13,9 @@ from torch import Tensor
 
 # A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
 _LEVEL_SLOPE = 1e-6
-# What differences of areas, of about 1, may be off by.
-_ROUNDING = 2e-15
+# What differences of areas, of about 1, may be off by; and the share of the rectangle between that
+# counts, where this is so small.
+_ROUNDING, _LEAST_SHARE = 2e-15, 1e-2
 
 
 def areas(blades: int, rotation: float, x: Tensor, y: Tensor) -> Tensor:
@@ -32,7 +33,9 @@ def areas(blades: int, rotation: float, x: Tensor, y: Tensor) -> Tensor:
     x, y = x[..., None, :], y[..., :, None]
     below = _polygon_area(blades, rotation, x, y) if blades else _disc_area(x, y)
     found = below.diff(dim=-1).diff(dim=-2)
-    return torch.where(found > _ROUNDING, found, 0.0)  # this is all that is left outside
+    # outside, rounding is all that is left
+    least = (_LEAST_SHARE * (x.diff(dim=-1) * y.diff(dim=-2)).abs()).clamp(max=_ROUNDING)
+    return torch.where(found > least, found, 0.0)
 
 
 def _disc_area(x: Tensor, y: Tensor) -> Tensor:

@@ -35,8 +35,9 @@ LOADS = (
 BYTES = ("backdrop", "spectra", "making", "region", "layers", "discs", "result", "tile", "cells")
 # Steps of a region in which something is hidden that no other load counts.
 _STEPS = 80.0
-# Bytes of a sample of the lights of a region, summed in double precision, and as it is kept.
-_LIT = 12
+# Bytes of a sample of the lights of a region, summed in double precision or kept twice in single;
+# of one of a kernel, kept for each part; and of one of the kernel that is sampled.
+_LIT, _KERNEL, _SAMPLED_KERNEL = 8, 4, 32
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def plan(
     inner = [_area(grid, frame.farthest, frame) for grid in grids]
     around = [sum(areas) for areas in zip(outer, inner, strict=True)]
     repeated = sum(around) / (2 * pixels)
-    lights, lit = _lights(frame, image, signed_radius, grids, scene.visible)
+    lights, lit, widest = _lights(frame, image, signed_radius, grids, scene.visible)
     of_kernels, kept, made = work.kernels()
     images = channels * size / 4 * (3 if left_right else 1)
     finished = sum(_area(grid, 0, frame) for grid in grids) * images
@@ -162,7 +163,7 @@ def plan(
         "making": made * 24,
         "region": 4 * max(around, default=0.0) * samples,
         "layers": 4 * work.reduced * samples,
-        "discs": _LIT * lit,
+        "discs": _LIT * lit + (_KERNEL * len(frame.parts) + _SAMPLED_KERNEL) * widest,
         "result": max(_area(grid, 0, frame) for grid in every)
         * (channels * (3 if left_right else 1) + 1)
         * size,
@@ -197,11 +198,12 @@ def _all(loads: dict[str, float]) -> dict[str, float]:
 
 def _lights(
     frame: Frame, image: Pixels, radius: Pixels, grids: list[Grid], visible: Cover
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     """Samples of the rims of discs, and of what nearer slices stop of them, in all regions.
 
     Returns:
-        These together with the samples of regions in which they are summed; of one region, at most.
+        These together with the samples of regions in which they are summed; these of one region, at
+        most; and the samples of the widest disc.
     """
     found = []
     for (top, _), some, r in zip(bands(*frame.size), banded(image), banded(radius), strict=True):
@@ -209,13 +211,13 @@ def _lights(
         found.append((torch.stack([rows + top, columns], 1), r[rows, columns]))
     at, r = map(torch.cat, zip(*found, strict=True))
     if not len(at):
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
     nearer = r.new_tensor(frame.radii) < r[:, None] - 1.5
     stopped = (nearer * r.new_tensor(visible.shares)).sum(1).clamp(max=1)
     terms = image.shape[0] * len(frame.parts)
     samples = 12 * (spread + 1) * terms + (2 * spread + 1) ** 2 * stopped * (terms + 1)
-    discs = lit = 0.0
+    discs = lit = widest = 0.0
     for grid in grids:
         first = at.new_tensor(grid.box[:2])
         last = first + at.new_tensor(grid.box[2:]) - 1
@@ -224,7 +226,8 @@ def _lights(
             canvas = float(grid.box.area * terms)
             discs += float(samples[here].sum()) + canvas / 2
             lit = max(lit, canvas)
-    return discs, lit
+            widest = max(widest, float((2 * spread[here].max() + 1) ** 2))
+    return discs, lit, widest
 
 
 def _bytes_of_cells(picture: Picture, grids: list[Grid], channels: int) -> float:
