@@ -66,7 +66,7 @@ def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | Non
     device = choose_device(job.machine.device)
     height, width = loaded.depth.metres.shape
     lens = focused(job.lens, loaded.depth)
-    radius, ends = radius_map(lens, loaded.depth.metres, loaded.holding.keeping)
+    radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
     outcome = Outcome(
         job=job,
         lens=lens,

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 MM_PER_M = 1000.0
 DRAWS = 100
+_MOST_PX = 1e6  # wider than any frame
 
 
 class Rejected(InputError):  # noqa: N818 - it is no error of the user's
@@ -84,8 +85,13 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin(lens, size).radius_at_infinity()
 
 
-def radius_map(lens: Lens, metres: Any, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
-    """The signed CoC radius in px of a whole frame [H, W], float32, and its least and greatest."""
+def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
+    """The signed CoC radius in px of a whole frame [H, W], float32, and its least and greatest.
+
+    Raises:
+        InputError: a depth is so near that no frame would hold its blur.
+    """
+    metres = depth.metres
     height, width = metres.shape
     whole = keeping.new((height, width), "float32")
     ends = []
@@ -93,6 +99,10 @@ def radius_map(lens: Lens, metres: Any, keeping: Keeping) -> tuple[Any, tuple[fl
         radius = signed_radius(lens, metres[rows], (width, height))
         whole[rows] = radius
         ends += [float(radius.min()), float(radius.max())]
+        if not max(-ends[-2], ends[-1]) <= _MOST_PX:
+            nearest = float(metres[rows].min())
+            problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[-2]:.2g} px"
+            raise InputError(depth.path, problem, "check --depth-unit, and write inf for sky")
     return whole, (min(ends), max(ends))
 
 

@@ -98,7 +98,7 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
     read_seconds = time.perf_counter() - start
     height, width, _ = loaded.color.shape
     lens, held = focused(job.lens, loaded.depth), loaded.holding
-    radius, reach = radius_map(lens, loaded.depth.metres, held.keeping)
+    radius, reach = radius_map(lens, loaded.depth, held.keeping)
     planned, seconds, peak = None, 0.0, base + (held.held_mb if device == "cpu" else 0.0)
     if calibration is not None and _renders(job):
         image, signed = Windows(loaded.color.planes, "cpu"), Windows([radius], "cpu", lone=True)

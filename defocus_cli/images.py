@@ -160,7 +160,7 @@ def describe(path: Path) -> FileInfo:
     if is_float_map(head):
         values = read_float_map(path, integers=True).values
         floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
-        return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=True)
+        return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=False)
     known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
     raster = read_raster(path, wanted=known)
     flat = PartInfo(0, "", tuple((name, raster.type) for name in raster.channels), raster.deep)

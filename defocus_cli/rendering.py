@@ -180,7 +180,7 @@ def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
     assert loaded.behind is not None
     color, depth = loaded.behind
     keeping = loaded.holding.keeping
-    radius, _ = radius_map(outcome.lens, depth.metres, keeping)
+    radius, _ = radius_map(outcome.lens, depth, keeping)
     known = keeping.new(depth.metres.shape, np.bool_)
     for rows in bands(depth.metres.shape):
         lit = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])

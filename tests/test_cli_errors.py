@@ -369,3 +369,12 @@ def test_the_package_is_the_command(module: str) -> None:
     words = [sys.executable, "-m", module, "--version"]
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("defocus ")
+
+
+def test_depth_that_no_frame_could_hold_the_blur_of(color: Path, tmp_path: Path) -> None:
+    metres = ramp()
+    metres[5, 7] = 1e-18
+    path = depth_exr(tmp_path / "tiny.exr", metres)
+    for more in ((), ("--dry-run",)):
+        ran = render(color, path, "-o", tmp_path / "out", *more)
+        refused_input(ran, path, "1e-18 m", "blurred by", "check --depth-unit")
