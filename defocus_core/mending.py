@@ -37,7 +37,12 @@ class Mending(NamedTuple):
     @property
     def is_told(self) -> bool:
         """Whether depth is not what a renderer would write, pixel by pixel."""
-        return self.antialiased is not None or self.soft_edges is not None or self.terraces
+        return self.has_edges or self.terraces
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether edges are put where they belong: ramps beside are surfaces then."""
+        return self.antialiased is not None or self.soft_edges is not None
 
     def mended(self, signed_radius: Pixels, pixels: Pixels) -> Pixels:
         """Radii [H, W] px of a picture [C, H, W], changed in each window as it is cut."""

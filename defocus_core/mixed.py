@@ -19,6 +19,8 @@ from defocus_core.neighbours import extreme_around
 
 # Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
 _EDGE = 1.5
+# Range of two neighbours beyond which one hides the other; less is a slope.
+_STEP = 1.0
 # Px to each side of a pixel from which the two surfaces are known.
 _AROUND = 2
 # How far, as a share of coverage, a pixel is expected to deviate from one whole surface.
@@ -149,12 +151,19 @@ def _taken_apart(
     )
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
-    known = near.known & far.known & ~(thin & own_near)
+    known = near.known & far.known & ~(thin & own_near) & _has_step(radii.detach())
     own = torch.where(own_near[:, None], near_color, far_color)[known]
     coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
     behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
     fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
     return at[known], own, coverage, at[behind], fringe[behind], near.signed_radius[behind]
+
+
+def _has_step(radii: Tensor) -> Tensor:
+    """Whether neighbours in the inner nine of 25 px [25, n] differ as no surface does: [n] bool."""
+    square = radii.reshape(5, 5, -1)[1:4, 1:4]
+    steps = (square.diff(dim=dim).abs().amax((0, 1)) for dim in (0, 1))
+    return torch.maximum(*steps) > _STEP
 
 
 def _with_thin(near: _Side, far: _Side, values: Tensor, weight: Tensor) -> tuple[_Side, Tensor]:

@@ -18,7 +18,7 @@ from defocus_core.mending import Mending
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP
 from defocus_core.source import Pixels, banded
-from defocus_core.survey import survey
+from defocus_core.survey import mending_of
 
 
 class Picture:
@@ -82,17 +82,15 @@ class Picture:
             self._hidden = behind_at_half_size(hidden, threads, hold=hold)
         looked_at = partial(looked_at, quality=quality.in_cells(), hidden=self._hidden)
         made = partial(half_size, threads=threads, hold=hold)
-        cells, radii = made(means, image), made(radii_in_cells, signed_radius, image)
-        farthest = None if infinity is None else infinity / 2
-        self.frame = looked_at(cells, radii, infinity=farthest)
-        self.mending = self.frame.mending
-        if self.mending.is_told:  # pixels know better
-            self.mending = survey(image, signed_radius, self.frame.dtype, threads, infinity).mending
-            mended = self.mending.mended(signed_radius, image)
-            radii = made(radii_in_cells, mended, image)
-            frame = looked_at(cells, radii, infinity=farthest)
-            self.frame = replace(frame, mending=Mending(ramps=frame.mending.ramps))
-        self._enlarging = Enlarging(self.frame, cells, image, signed_radius, threads=threads)
+        dtype = torch.promote_types(signed_radius.dtype, torch.float32)
+        self.mending = mending_of(signed_radius, dtype, threads, infinity)
+        # cells do not tell: halving hardens what is soft
+        of_px = self.mending.mended(signed_radius, image) if self.mending.is_told else signed_radius
+        cells, radii = made(means, image), made(radii_in_cells, of_px, image)
+        frame = looked_at(cells, radii, infinity=None if infinity is None else infinity / 2)
+        ramps = frame.mending.ramps and not self.mending.has_edges
+        self.frame = replace(frame, mending=Mending(ramps=ramps))
+        self._enlarging = Enlarging(self.frame, cells, image, of_px, threads=threads)
         self.image, self.signed_radius = self._enlarging.cells, radii
 
     def parts(

@@ -25,11 +25,11 @@ _EDGES = 0.25
 _SOME, _SOME_ROWS = 3, 6
 
 
-class _Band(NamedTuple):
-    """What some rows of a picture tell.
+class _Depth(NamedTuple):
+    """What some rows of a picture tell of its depth.
 
     Attributes:
-        ends: [6] least and greatest radius, greatest steps, least and greatest value.
+        ends: [4] least and greatest radius, greatest steps down and across.
         ramps: [2] slope in px per px of the steepest one, and of the steepest soft edge.
         levels: Of depth.
         averages: [2, 4], see there.
@@ -88,50 +88,29 @@ def survey(
     """
     H, W = signed_radius.shape
 
-    def looked_at(rows: tuple[int, int]) -> tuple[_Band, list[Tensor]]:
-        """What a band tells, and counts that add up."""
-        above = min(rows[0], 2)
-        around = signed_radius[rows[0] - above : rows[1] + 2].detach().to(dtype)
-        below = around[above : above + rows[1] + 1 - rows[0]]
-        r = below[: rows[1] - rows[0]]
+    def looked_at(rows: tuple[int, int]) -> tuple[_Depth, Tensor, list[Tensor]]:
+        """What a band tells, its least and greatest value, and counts that add up."""
         some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
-        steps = [
-            step.abs().amax() if step.numel() else r.new_zeros(())
-            for step in (below.diff(dim=0), r.diff(dim=1))
-        ]
         brightness = some.amax(0)
         few = _few(brightness, rows[0])
-        ends = torch.stack([*torch.aminmax(r), *steps, *torch.aminmax(some)])
-        ramps, averaged = ends.new_zeros(2), ends.new_zeros((2, 4), dtype=torch.float64)
-        if float(torch.maximum(*steps)) > LEAST:
-            slope = steepness(around)
-            soft = softness(slope)[above : above + len(r)]
-            ramps = torch.stack([slope.amax(), soft.amax()])
-            averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
-        some_rows = spread(H, _SOME_ROWS, *rows)
-        levels = levels_of(r[some_rows], below[1:][[i for i in some_rows if i + 1 < len(below)]])
         counts = [counted(brightness), counted(few), (few <= 0).sum()]
-        return _Band(ends, ramps, levels, averaged), counts
+        depth = _depth_of(signed_radius, rows, dtype, infinity)
+        return depth, torch.stack(torch.aminmax(some)), counts
 
-    told: list[_Band] = []
+    told: list[_Depth] = []
+    values: list[Tensor] = []
     total: list[Tensor] = []
-    for band, counts in threaded(looked_at, bands(H, W), threads):
-        told.append(band)
+    for depth, pair, counts in threaded(looked_at, bands(H, W), threads):
+        told.append(depth)
+        values.append(pair)
         total = [a + b for a, b in zip(total, counts, strict=True)] if total else counts
     brightness, lit, black = total
-    numbers = torch.stack([band.ends for band in told])
-    least, most, down, across, darkest, brightest = numbers.unbind(1)
+    least, most, down, across = torch.stack([depth.ends for depth in told]).unbind(1)
+    darkest, brightest = torch.stack(values).unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
         if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-
-    steepest, softest = torch.stack([band.ramps for band in told]).amax(0).tolist()
-    soft_edges = slope_of_soft_edges(float(ends[0]), float(ends[1]))
-    soft = _mostly_soft(signed_radius, soft_edges) if softest > soft_edges else 0
-    antialiased = averaged_from(
-        torch.stack([band.averages for band in told]).sum(0), infinity, soft
-    )
 
     def brightness_again() -> Iterator[Tensor]:
         return (band.to(dtype).amax(0) for band in banded(pixels))
@@ -143,17 +122,66 @@ def survey(
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
-        mending=Mending(
-            antialiased=antialiased,
-            ramps=steepest > STEEP,
-            soft_edges=soft_edges if soft and antialiased is None else None,
-            terraces=are_few([band.levels for band in told]),
-        ),
+        mending=_mending(signed_radius, told, infinity),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
         brightness=Ranks(brightness, brightness_again, dtype),
         lit=Ranks(lit, lit_again, dtype),
         black=int(black),
+    )
+
+
+def mending_of(
+    signed_radius: Pixels, dtype: torch.dtype, threads: int, infinity: float | None = None
+) -> Mending:
+    """What depth needs; the arguments are those of `survey`."""
+    height, width = signed_radius.shape
+
+    def looked_at(rows: tuple[int, int]) -> _Depth:
+        return _depth_of(signed_radius, rows, dtype, infinity)
+
+    told = list(threaded(looked_at, bands(height, width), threads))
+    return _mending(signed_radius, told, infinity)
+
+
+def _depth_of(
+    signed_radius: Pixels, rows: tuple[int, int], dtype: torch.dtype, infinity: float | None
+) -> _Depth:
+    """What a band tells, from its first row to before the end."""
+    H, W = signed_radius.shape
+    above = min(rows[0], 2)
+    around = signed_radius[rows[0] - above : rows[1] + 2].detach().to(dtype)
+    below = around[above : above + rows[1] + 1 - rows[0]]
+    r = below[: rows[1] - rows[0]]
+    steps = [
+        step.abs().amax() if step.numel() else r.new_zeros(())
+        for step in (below.diff(dim=0), r.diff(dim=1))
+    ]
+    ends = torch.stack([*torch.aminmax(r), *steps])
+    ramps, averaged = ends.new_zeros(2), ends.new_zeros((2, 4), dtype=torch.float64)
+    if float(torch.maximum(*steps)) > LEAST:
+        slope = steepness(around)
+        soft = softness(slope)[above : above + len(r)]
+        ramps = torch.stack([slope.amax(), soft.amax()])
+        averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
+    some = spread(H, _SOME_ROWS, *rows)
+    levels = levels_of(r[some], below[1:][[i for i in some if i + 1 < len(below)]])
+    return _Depth(ends, ramps, levels, averaged)
+
+
+def _mending(signed_radius: Pixels, told: list[_Depth], infinity: float | None) -> Mending:
+    """What all bands together need."""
+    ends = torch.stack([depth.ends for depth in told])
+    steepest, softest = torch.stack([depth.ramps for depth in told]).amax(0).tolist()
+    soft_edges = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
+    soft = _mostly_soft(signed_radius, soft_edges) if softest > soft_edges else 0
+    averaged = torch.stack([depth.averages for depth in told]).sum(0)
+    antialiased = averaged_from(averaged, infinity, soft)
+    return Mending(
+        antialiased=antialiased,
+        ramps=steepest > STEEP,
+        soft_edges=soft_edges if soft and antialiased is None else None,
+        terraces=are_few([depth.levels for depth in told]),
     )
 
 

@@ -85,6 +85,15 @@ def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share: float) -> None:
     assert worst(of_fringe, lost.sum((1, 2))) < 0.02 * SIZE[0]
 
 
+def test_a_steep_slope_is_no_edge() -> None:
+    """As depth that was estimated has it: 0.9 px per px, over colours that change along it."""
+    image = pattern(SIZE)
+    radius = (0.9 * (torch.arange(SIZE[1]) - 20.0)).clamp(-3, 3).double().expand(SIZE).clone()
+    o = unmixed(image, radius)
+    assert torch.equal(o.color, image)
+    assert not len(o.fringe.at)
+
+
 def test_a_sharp_subject_has_no_ghost_line() -> None:
     """Before a blurred background, the anti-aliased edge of a sharp card keeps no old colour.
 
