@@ -34,7 +34,7 @@ class Fit(NamedTuple):
     """What of a picture fits into memory.
 
     Attributes:
-        at_once: regions that are computed at once; None for as many as there are threads, and more.
+        at_once: regions that are computed at once; None where memory does not limit them.
         hold: whether the cells of a large draft are held, too.
     """
 

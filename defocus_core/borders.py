@@ -69,23 +69,23 @@ def share_in_frame(
         away = torch.arange(side.first, side.end, device=r.device).to(r) + (0.5 - border.at)
         away = away[:, None] if border.dim == 0 else away
         past = r.detach().abs() > away.abs().clamp(min=_FROM)
-        counts = _counts(r) * past
+        weight = _weight(r) * past
         u = (away / torch.where(past, r, 1.0)).clamp(-1, 1)
         above = (r > 0) != border.last
         for m, part in enumerate(parts):
             below = _below(aperture, part, border.dim, u)
-            here.of(share[m]).sub_(torch.where(above, 1 - below, below) * counts)
+            here.of(share[m]).sub_(torch.where(above, 1 - below, below) * weight)
         here.of(met[border.dim]).logical_or_(past)
     row, column = torch.nonzero(met[0] & met[1]).unbind(1)
     if len(row):
         r = signed_radius[row, column]
-        counts = _counts(r)
+        weight = _weight(r)
         down, across = (
             (torch.stack([at, at - length], -1) / r[:, None]).sort(-1).values.clamp(-1, 1)
             for at, length in zip((row + box.top + 0.5, column + box.left + 0.5), size, strict=True)
         )
         within = [area_within(aperture, part, across, down).to(r.dtype) for part in parts]
-        found = 1 - counts * (1 - torch.stack(within))
+        found = 1 - weight * (1 - torch.stack(within))
         index = row * box.width + column
         share = share.flatten(1).index_copy(1, index, found)
     return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
@@ -118,7 +118,7 @@ def _borders(size: tuple[int, int], farthest: int) -> list[_Border]:
     ]
 
 
-def _counts(r: Tensor) -> Tensor:
+def _weight(r: Tensor) -> Tensor:
     """How much of what geometry says counts, [...] in [0, 1], for signed radii in px."""
     t = ((r.abs() - _FROM) / (_TO - _FROM)).clamp(0, 1)
     return t * t * (3 - 2 * t)

@@ -100,16 +100,16 @@ def draw(
 def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
     """Those that reach a box, where none spreads by more than `most` px: the widest first."""
     radii, at = highlights.signed_radius, highlights.at
-    kind = torch.arange(len(radii), device=radii.device)
+    kind = torch.arange(len(radii), device=radii.device)  # [n] of the U radii
     if not radii.requires_grad:  # many lights are equally far away
         radii, kind = torch.unique(radii, return_inverse=True)
     spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
     corner = at.new_tensor([box.top, box.left])
     last = corner + at.new_tensor([box.height - 1, box.width - 1])
     away = torch.maximum(corner - at, at - last).amax(1)
-    wide = spread.argsort(descending=True, stable=True)
-    number = wide.argsort()[kind]  # of each light's radius among them
-    order = number.argsort(stable=True)
+    wide = spread.argsort(descending=True, stable=True)  # [U]
+    number = wide.argsort()[kind]  # [n], of each light's radius among these
+    order = number.argsort(stable=True)  # [n] lights
     order = order[(away <= spread[kind])[order]]
     number = number[order]
     starts = [0, *torch.bincount(number, minlength=len(radii)).cumsum(0).tolist()]

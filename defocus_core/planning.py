@@ -158,7 +158,7 @@ def plan(
     }
     of_regions["calls"] += _STEPS * len(grids) * frame.edges
     held = {
-        "backdrop": pixels * (1 + (channels + 8) * size / 12) if frame.edges else 0.0,
+        "backdrop": pixels * (2 + (channels + 8) * size / 12) if frame.edges else 0.0,
         "spectra": kept * size,
         "making": made * 24,
         "region": 4 * max(around, default=0.0) * samples,

@@ -88,10 +88,12 @@ class Region:
         pixels, highlights = split(pixels, signed_radius, frame.limit)
         self._in_frame: list[Tensor] | None = None  # what parts of the aperture see of it
         if frame.edges and not self._is_inside(core):
-            radius, lens = core.seen_from(outer).of(signed_radius), (frame.farthest, frame.aperture)
-            groups = [frame.parts[group] for group in frame.groups]
+            radius = core.seen_from(outer).of(signed_radius)
             self._in_frame = [
-                share_in_frame(radius, core, frame.size, *lens, parts) for parts in groups
+                share_in_frame(
+                    radius, core, frame.size, frame.farthest, frame.aperture, frame.parts[group]
+                )
+                for group in frame.groups
             ]
         own = (unmixed if frame.edges else whole)(pixels, signed_radius)
         places = position(signed_radius, frame.radii) if highlights else None
