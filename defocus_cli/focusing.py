@@ -99,10 +99,10 @@ def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[f
         radius = signed_radius(lens, metres[rows], (width, height))
         whole[rows] = radius
         ends += [float(radius.min()), float(radius.max())]
-        if not max(-ends[-2], ends[-1]) <= _MOST_PX:
+        if not -ends[-2] <= _MOST_PX:
             nearest = float(metres[rows].min())
             problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[-2]:.2g} px"
-            raise InputError(depth.path, problem, "check --depth-unit, and write inf for sky")
+            raise InputError(depth.path, problem, "check --depth-unit and --focus")
     return whole, (min(ends), max(ends))
 
 

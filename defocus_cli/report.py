@@ -242,11 +242,8 @@ def inspection_lines(found: Inspection) -> Iterator[str]:
     if found.color is None:
         yield f"  no colour: {found.color_note}"
     else:
-        holes = (
-            f", {counted(found.color.nonfinite, 'pixel')} not finite"
-            if found.color.nonfinite
-            else ""
-        )
+        bad = found.color.nonfinite
+        holes = f", {counted(bad, 'pixel')} not finite" if bad else ""
         yield f"  colour: {', '.join(found.color.channels)}{holes}"
     if found.depth is None:
         yield f"  no depth: {found.depth_note}"
