@@ -6,6 +6,8 @@ it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -22,6 +24,18 @@ from defocus_core.windows import Window
 
 # At half of the resolution edges are soft: what is left is filled by up to this times its coverage.
 _FILLS = 2.0
+
+
+class Hidden(NamedTuple):
+    """What each group of m parts sees of hidden surfaces over a tile; None for those that do not.
+
+    Attributes:
+        in_focus: [m, C + 1, h, w] of what is in focus or not far from it, alone.
+        whole: The same of everything, as it occludes itself.
+    """
+
+    in_focus: list[Tensor | None]
+    whole: list[Tensor | None]
 
 
 class Filling:
@@ -72,34 +86,43 @@ class Filling:
         self._sides = slices.sides
         self._shares: dict[tuple[float, int, int], Tensor] = {}
 
-    def over_tile(self, index: int) -> list[Tensor | None]:
-        """What of it each group of m parts sees over a tile, [m, C + 1, h, w]; None if nothing."""
+    def has_in_focus(self, index: int) -> bool:
+        """Whether something of it over a tile is in focus or not far from it."""
+        sliced, rungs = self._sliced, self.plan[index]
+        return any(self._sides[sliced.layer_of[rung * sliced.stride]] == 0 for rung in rungs)
+
+    def over_tile(self, index: int) -> Hidden:
+        """What of it is seen over a tile."""
         tile, cells = self._tiles.tiles[index], self._cells_of[index]
         size = cells.height, cells.width
-        found = [
-            self._composited(layers, size) for layers in self._blur.over_tile(self._sliced, index)
-        ]
+        hidden = Hidden([], [])
+        for layers in self._blur.over_tile(self._sliced, index):
+            sides = self._of_sides(layers, size)
+            hidden.in_focus.append(sides.get(0))
+            hidden.whole.append(_occluding([sides[side] for side in sorted(sides)]))
         if not self.halvings:
-            return found
-        result: list[Tensor | None] = []
-        for some in found:
-            if some is not None:
-                rows, columns = (self._between(d, tile, cells, some) for d in (0, 1))
-                some = rows * _FILLS @ some @ columns.mT
-            result.append(some)
-        return result
+            return hidden
 
-    def _composited(self, layers: dict[int, Shown], size: tuple[int, int]) -> Tensor | None:
-        """Layers as they occlude each other: [m, C + 1, h, w]; None if there is none."""
+        def enlarged(cells_seen: Tensor | None, times: float) -> Tensor | None:
+            if cells_seen is None:
+                return None
+            rows, columns = (self._between(d, tile, cells, cells_seen) for d in (0, 1))
+            return rows * times @ cells_seen @ columns.mT
+
+        return Hidden(
+            [enlarged(some, 1.0) for some in hidden.in_focus],
+            [enlarged(some, _FILLS) for some in hidden.whole],
+        )
+
+    def _of_sides(self, layers: dict[int, Shown], size: tuple[int, int]) -> dict[int, Tensor]:
+        """The sums [m, C + 1, h, w] of the layers of each side of focus that has one."""
         sides: dict[int, list[Shown]] = {}
         for number in sorted(layers):
             sides.setdefault(self._sides[number], []).append(layers[number])
-        found: Tensor | None = None
-        for side in sorted(sides):
-            total = summed(((shown.box, shown.layer) for shown in sides[side]), size)
-            if total is not None:
-                found = add_behind(torch.zeros_like(total) if found is None else found, total)
-        return found
+        found = {
+            side: summed(((s.box, s.layer) for s in some), size) for side, some in sides.items()
+        }
+        return {side: total for side, total in found.items() if total is not None}
 
     def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Tensor:
         """The shares [pixels, cells] of cells in the pixels of a tile."""
@@ -108,3 +131,13 @@ class Filling:
         if key not in self._shares:
             self._shares[key] = linear_shares(*key, 0.5**self.halvings, like)
         return self._shares[key]
+
+
+def _occluding(layers: list[Tensor]) -> Tensor | None:
+    """Layers [m, C + 1, h, w] from front to back as one; None if there is none."""
+    if not layers:
+        return None
+    found = torch.zeros_like(layers[0])
+    for layer in layers:
+        found = add_behind(found, layer)
+    return found

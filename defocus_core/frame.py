@@ -67,7 +67,8 @@ class Frame:
         limit: What exceeds this is a highlight.
         radii: Of the slices in px.
         reaches: Px that each spreads.
-        layers: The number of the layer of each.
+        layers: The number of the layer of each, ascending.
+        beyond: That of the first layer beyond focus, if there is one.
         windows: Of each.
         known: How what is known to be hidden is blurred.
         invented: How what is invented is.
@@ -94,6 +95,7 @@ class Frame:
     radii: tuple[float, ...]
     reaches: list[int]
     layers: list[int]
+    beyond: int
     windows: list[Window]
     known: FillSlices
     invented: FillSlices
@@ -182,11 +184,12 @@ def frame_of(
     def windows_at(halvings: int, spreads: list[Spread], numbers: list[int]) -> list[Window]:
         """Windows of all slices after resolution is halved some times."""
         scaled = tuple(r / (1 << halvings) for r in radii)
-        sides = halved(side, halvings), halved(within, halvings)
-        return windows(scaled, spreads, numbers, *sides, aperture, cells, dtype, pixels.device)
+        sizes = halved(side, halvings), halved(within, halvings)
+        return windows(scaled, spreads, numbers, *sizes, aperture, cells, dtype, pixels.device)
+
+    sides = sides_of_focus(radii)
 
     def filling(stride: int, halvings: int, spreads: list[Spread], px: list[int]) -> FillSlices:
-        sides = sides_of_focus(radii)
         layers = alike(numbers, sides, spreads, halved(side, halvings))
         of_all = windows_at(halvings, spreads, layers)
         side_of = dict(zip(layers, sides, strict=True))
@@ -209,6 +212,7 @@ def frame_of(
         radii=radii,
         reaches=reaches,
         layers=numbers,
+        beyond=min((n for n, of in zip(numbers, sides, strict=True) if of > 0), default=len(radii)),
         windows=windows_at(0, spreads, numbers),
         known=filling(1, 0, spreads, reaches),
         invented=filling(stride, halvings, coarse, invented),

@@ -1,7 +1,7 @@
 """A region of a picture through the pipeline: slice, blur, composite, tile by tile.
 
 Slices of a layer are summed while still transformed; layers are composited front to back, per part
-of the aperture. Hidden layers fill only what visible ones leave.
+of the aperture. Hidden layers fill only what visible ones leave, but in focus, where they occlude.
 """
 
 from __future__ import annotations
@@ -12,19 +12,11 @@ from torch import Tensor
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import px_from_borders, share_in_frame
-from defocus_core.compositing import (
-    add_behind,
-    add_light,
-    add_within,
-    filled_up_to,
-    is_full,
-    pair_of,
-    picture,
-    share_behind,
-)
+from defocus_core.compositing import add_light, pair_of, picture
 from defocus_core.discs import draw
-from defocus_core.filling import Filling
+from defocus_core.filling import Filling, Hidden
 from defocus_core.frame import FillSlices, Frame
+from defocus_core.fronts import Fronts
 from defocus_core.halving import axes
 from defocus_core.hidden import Behind, HiddenLayer, hidden_layer, told_apart
 from defocus_core.highlights import split
@@ -160,19 +152,10 @@ class Region:
     def tile(self, index: int) -> tuple[Tensor, Tensor]:
         """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
         frame = self._frame
-        full = self._full(index)
-        seen, moved = self._fronts(index, full)
-        if self._known:
-            seen = self._filled(seen, self._known, index, full)
-        observed = seen[0][:, -1].clone()
-        if self._invented:
-            most: list[Tensor | float] = full
-            if frame.mending.terraces:
-                doubt = _DOUBT * frame.quality.least_slope
-                most = [filled_up_to(*pair, doubt) for pair in zip(seen, full, strict=True)]
-            seen = self._filled(seen, self._invented, index, most)
-        whole, *halves = self._lit(seen, index)
-        trust = self._trust(whole[:, -1], observed, index)
+        fronts = self._fronts(index)
+        moved = fronts.moved
+        whole, *halves = self._lit(fronts.seen, index)
+        trust = self._trust(whole[:, -1], fronts.invented, index)
         centre = picture(whole, frame.weights[: frame.centre], signed=frame.signed)
         if not frame.left_right:
             return centre[None], trust
@@ -186,12 +169,13 @@ class Region:
         pair = pair_of(centre, left, right, signed=frame.signed)
         return torch.cat([centre[None], pair]), trust
 
-    def _trust(self, covered: Tensor, observed: Tensor, index: int) -> Tensor:
+    def _trust(self, covered: Tensor, invented: Tensor | None, index: int) -> Tensor:
         """The share of the aperture that saw the scene, [1, 1, h, w].
 
-        Of what m parts covered [m, h, w] what they observed; as far from the border as light
+        Of what m parts covered [m, h, w] what is not invented; as far from the border as light
         reaches at most, times what they covered: the rest lies outside the frame.
         """
+        observed = covered if invented is None else covered - invented
         if len(covered) > 1:
             weights = observed.new_tensor(self._frame.weights[: self._frame.centre])[:, None, None]
             covered, observed = ((x * weights).sum(0) / weights.sum() for x in (covered, observed))
@@ -203,43 +187,38 @@ class Region:
             share = share * torch.where(away >= self._frame.farthest, 1.0, covered)
         return share.clamp(0, 1)[None, None]
 
-    def _fronts(self, index: int, full: list[Tensor | float]) -> tuple[list[Tensor], Tensor | None]:
-        """What m parts of the aperture see of visible surfaces.
+    def _fronts(self, index: int) -> Fronts:
+        """What the parts of the aperture see of a tile.
 
-        Returns:
-            For each group [m, C + 1, h, w], and for the last, if it makes a pair, [m, C, h, w] what
-            shifts of less than a pixel add to its colours.
+        What is visible counts first, for it is known; and its share is right in the mean where
+        surfaces out of focus cover each other by chance. But what is in focus occludes exactly:
+        where it goes on behind something nearer, nothing beyond focus is seen.
         """
-        found, moved = [], None
-        for layers, most in zip(self._blur.over_tile(self._visible, index), full, strict=True):
-            first = next(iter(layers.values())).layer
-            seen = first.new_zeros(*first.shape[:2], *self._tiles[index][2:])
-            for number in sorted(layers):
-                box, layer, by = layers[number]
-                within = box.of(most) if isinstance(most, Tensor) else most
-                share = share_behind(box.of(seen), layer, within)
-                seen = add_within(seen, box, layer, share)
-                if by is not None:
-                    moved = torch.zeros_like(seen[:, :-1]) if moved is None else moved
-                    moved = add_within(moved, box, by, share)
-            found.append(seen)
-        return found, moved
-
-    def _filled(
-        self, seen: list[Tensor], behind: Filling, index: int, full: list[Tensor | float]
-    ) -> list[Tensor]:
-        """The same with what is hidden; where nothing is left to fill, this is not computed."""
-        if not behind.plan[index]:
-            return seen
-        left = [not is_full(some, most) for some, most in zip(seen, full, strict=True)]
-        if not any(left):
-            self._culled.add((id(behind), index))
-            return seen
-        found = behind.over_tile(index)
-        return [
-            some if layer is None or not wanted else add_behind(some, layer, most)
-            for some, layer, most, wanted in zip(seen, found, full, left, strict=True)
-        ]
+        frame = self._frame
+        doubt = _DOUBT * frame.quality.least_slope if frame.mending.terraces else None
+        visible = self._blur.over_tile(self._visible, index)
+        firsts = [next(iter(layers.values())).layer for layers in visible]
+        size = self._tiles[index][2:]
+        blank = [layer.new_zeros(*layer.shape[:2], *size) for layer in firsts]
+        fronts = Fronts(blank, self._full(index), doubt)
+        hidden = [some for some in (self._known, self._invented) if some and some.plan[index]]
+        found: dict[int, Hidden] = {}
+        for beyond in (False, True):
+            fronts.add(
+                [
+                    {n: layers[n] for n in layers if (n >= frame.beyond) == beyond}
+                    for layers in visible
+                ]
+            )
+            for i, some in enumerate(hidden):
+                known = some is self._known
+                if fronts.are_full(known=known) or not (beyond or some.has_in_focus(index)):
+                    continue
+                if i not in found:
+                    found[i] = some.over_tile(index)
+                fronts.fill(found[i].whole if beyond else found[i].in_focus, known=known)
+        self._culled |= {(id(some), index) for i, some in enumerate(hidden) if i not in found}
+        return fronts
 
     def _lit(self, seen: list[Tensor], index: int) -> list[Tensor]:
         """The same with highlights."""

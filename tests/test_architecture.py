@@ -24,7 +24,7 @@ LAYERS = [
     {"enlarging"},
     {"assembly"},
     {"baselines", "copying", "presence", "region", "workload"},
-    {"detail", "filling"},
+    {"detail", "filling", "fronts"},
     {"half_size"},
     {"blur", "frame"},
     {"borders", "reduced"},
