@@ -7,7 +7,7 @@ from pathlib import Path
 
 from defocus_cli import identity
 from defocus_cli.errors import InputError
-from defocus_cli.job import Job
+from defocus_cli.job import PREVIEW, Job
 from defocus_cli.journal import Record, told_path, without_collections
 
 
@@ -15,7 +15,8 @@ class Ledger:
     """The journals of OUT, read; ``files`` are those that they know, relative to OUT.
 
     A record speaks of all files that its job writes; of records that speak of the same file the
-    last holds. One of whose files none is its own any more is superseded.
+    last holds. One that made pictures is superseded when it has none left but previews; one that
+    made nothing, as soon as another speaks of any of its files.
     """
 
     def __init__(self, out: Path, records: Iterable[Record]) -> None:
@@ -34,7 +35,7 @@ class Ledger:
     def live(self) -> list[Record]:
         """The records that are not superseded, oldest first, with the outputs that are theirs."""
         last = {id(record): record for record in self._last.values()}
-        return [self._own(record) for record in last.values()]
+        return [own for record in last.values() if (own := self._own(record)) is not None]
 
     def knows(self, job: Job) -> bool:
         """Whether a record speaks of a file that a job writes."""
@@ -95,11 +96,15 @@ class Ledger:
                     remedy = "choose another -o, or add --overwrite to replace it"
                     raise InputError(path, problem, remedy)
 
-    def _own(self, record: Record) -> Record:
-        """A record without the outputs that another has replaced."""
+    def _own(self, record: Record) -> Record | None:
+        """A record without the outputs that another has replaced; None if it is superseded."""
         outputs = record["outputs"]
         own = {n: told for n, told in outputs.items() if self._last[told["path"]] is record}
-        return record if len(own) == len(outputs) else {**record, "outputs": own}
+        if len(own) == len(outputs):
+            return record
+        if record["status"] != "ok" or all(name.endswith(PREVIEW) for name in own):
+            return None
+        return {**record, "outputs": own}
 
     def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
         outputs = record["outputs"]

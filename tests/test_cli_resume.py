@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batches import records
+from batches import in_process, records
 from command_line import (
     Ran,
     color_exr,
@@ -20,11 +20,13 @@ from command_line import (
     ramp,
     refused,
     render,
+    run,
     texture,
 )
 
 from defocus_cli import engine, here
 
+__all__ = ["in_process"]
 Computed = list[str]
 
 
@@ -283,6 +285,22 @@ def test_what_failed_is_tried_again(
     (folders[1] / "b.exr").write_bytes(good)
     assert again(folders, out).code == 0
     assert computed == ["a", "c", "b"]
+
+
+@pytest.mark.usefixtures("in_process")
+def test_other_settings_supersede_what_failed_and_retry_tries_the_last(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    good = (folders[1] / "b.exr").read_bytes()
+    depth_exr(folders[1] / "b.exr", -ramp())
+    again(folders, out, "--preview")
+    again(folders, out, "--blades", "6", "--overwrite")
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["failed"], told["jobs"]) == (2, 1, 3)
+    (folders[1] / "b.exr").write_bytes(good)
+    assert run("retry", out).code == 0
+    assert records(out)[-1]["lens"]["blades"] == 6
+    assert not (out / "coc" / "b.preview.png").exists()
 
 
 def test_a_lone_picture_that_fails_leaves_nothing(tmp_path: Path, out: Path) -> None:

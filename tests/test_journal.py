@@ -156,6 +156,19 @@ def test_a_record_holds_until_all_its_files_are_another_s(tmp_path: Path) -> Non
     assert len(Ledger(tmp_path, [*records, record("a", "ok", "render", "coc")]).live) == 1
 
 
+def test_a_preview_that_alone_is_left_of_a_picture_is_no_record(tmp_path: Path) -> None:
+    records = [record("a", "ok", "render", "render.preview"), record("a")]
+    assert Ledger(tmp_path, records).live == records[1:]
+
+
+@pytest.mark.parametrize("status", ["failed", "rejected"])
+def test_what_made_nothing_is_superseded_by_whoever_speaks_of_one_of_its_files(
+    status: str, tmp_path: Path
+) -> None:
+    records = [record("a", status, "render", "coc"), record("a", "failed", "coc", "disparity")]
+    assert Ledger(tmp_path, records).live == records[1:]
+
+
 def test_files_of_a_job_that_failed_later_stay_known(tmp_path: Path) -> None:
     ledger = Ledger(tmp_path, [record("a"), record("a", "failed")])
     assert ledger.files == {"render/a.exr"}
