@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.arrays import Stack
+from defocus_cli.errors import InputError
 from defocus_cli.files import leftover, sync_folder, unwritable
 from defocus_cli.quantities import length_text
 from defocus_cli.report import version
@@ -167,11 +168,10 @@ class _Replaced:
 @contextmanager
 def _all_or_nothing(outputs: Outputs) -> Iterator[_Replaced]:
     """Files that are written in the block; if it fails, all is as it was before."""
-    folders = [
-        *(outputs.root / kind for kind in outputs.kinds),
-        outputs.root,
-        *outputs.root.parents,
-    ]
+    if not outputs.root.is_dir():  # made anew, it would have no journal
+        problem = "was removed while jobs were done"
+        raise InputError(outputs.root, problem, "run the same command again")
+    folders = [outputs.root / kind for kind in outputs.kinds]
     new = [folder for folder in folders if not folder.exists()]
     replaced = _Replaced()
     try:

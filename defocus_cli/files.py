@@ -157,6 +157,13 @@ def sync_folder(folder: Path) -> None:
             os.close(number)
 
 
+def is_at(path: Path, number: int) -> bool:
+    """Whether an open file is still the one of that name."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return os.path.samestat(os.fstat(number), path.stat())
+    return False
+
+
 def unwritable(path: Path, error: OSError) -> InputError:
     """The InputError for an output that the system refused."""
     remedies = {

@@ -34,7 +34,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 from defocus_cli.errors import InputError, reason
-from defocus_cli.files import sync_folder, unwritable
+from defocus_cli.files import is_at, sync_folder, unwritable
 from defocus_cli.reasons import STATUSES
 
 Record = Mapping[str, Any]
@@ -202,7 +202,7 @@ class Journal:
         """Add a record; when this returns, no crash loses it.
 
         Raises:
-            InputError: it cannot be written; nothing of it is.
+            InputError: it cannot be written; nothing of it is. Or the journal is no longer there.
         """
         line = b"\n" + json.dumps(record, allow_nan=False).encode()
         end = os.fstat(self._number).st_size
@@ -214,6 +214,7 @@ class Journal:
             with suppress(OSError):
                 os.ftruncate(self._number, end)
             raise unwritable(self.path, error) from error
+        self._require_in_place()
         if self._new:
             sync_folder(self.path.parent)
             self._new = False
@@ -228,10 +229,20 @@ class Journal:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        os.close(self._number)
+        try:
+            if kind is None:
+                self._require_in_place()
+        finally:
+            os.close(self._number)
         if self._new:  # nothing to tell leaves no file behind
             with suppress(OSError):
                 self.path.unlink()
+
+    def _require_in_place(self) -> None:
+        """Refuse to go on where nobody will find what is written."""
+        if not is_at(self.path, self._number):
+            problem = "was removed or replaced while jobs were done"
+            raise InputError(self.path, problem, "run the same command again, to go on or anew")
 
     def _cut_torn_tail(self) -> None:
         """Remove a record that was being written when its writer died."""

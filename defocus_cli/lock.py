@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.errors import InputError
-from defocus_cli.files import unwritable
+from defocus_cli.files import is_at, unwritable
 from defocus_cli.journal import Shard
 
 BEAT = 20.0  # seconds between two touches
@@ -60,7 +60,8 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[None]
     finally:
         ended.set()
         with suppress(OSError):
-            path.unlink()
+            if is_at(path, number):  # else it is another's: OUT was removed, and made anew
+                path.unlink()
         os.close(number)
 
 
@@ -89,7 +90,7 @@ def _acquired(path: Path, say: Say) -> int:
         except OSError as error:
             raise unwritable(path, error) from error
         free, told = _try(path, number)
-        if free and _is_at(path, number):
+        if free and is_at(path, number):
             if told:
                 say(f"{path}: left behind by {_words(told)}, which runs no more; taken over")
             return _signed(path, number)
@@ -169,13 +170,6 @@ def _started(pid: int) -> str | None:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return f"{boot} {Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[19]}"
     return None
-
-
-def _is_at(path: Path, number: int) -> bool:
-    """Whether an open file is still the one of that name."""
-    with suppress(FileNotFoundError):
-        return os.path.samestat(os.fstat(number), path.stat())
-    return False
 
 
 def _age(path: Path) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -109,6 +110,28 @@ def test_a_file_that_another_worker_wrote_meanwhile_stays(
     monkeypatch.setattr(encode, "write_map", full)
     refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, "No space left")
     assert (out / "render" / "color.exr").read_text() == "theirs"
+
+
+@pytest.mark.parametrize("at", ["compute", "write"])
+@pytest.mark.parametrize("again", [False, True])
+def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
+    again: bool, at: str, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for stem in "ab":
+        color, depth = pair(tmp_path, stem)
+    step = getattr(engine, at)
+
+    def removing(*args: object) -> object:
+        done = step(*args)
+        shutil.rmtree(out)
+        if again:
+            out.mkdir()
+        return done
+
+    monkeypatch.setattr(engine, at, removing)
+    ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
+    refused(ran, 3, f"{out / 'journal.jsonl'}: was removed or replaced", "run the same command")
+    assert again or not out.exists()
 
 
 def test_the_systems_own_errors_are_one_line(
