@@ -24,7 +24,7 @@ def execute_alone(progress: TileCount | None) -> Callable[..., None]:
             done(number, result)
 
         engine.load()
-        pipeline.run(_jobs(chunks, stopped), done_or_raised, progress)
+        pipeline.run(_jobs(chunks, stopped), done_or_raised, progress, stopped)
 
     return execute
 
@@ -32,7 +32,7 @@ def execute_alone(progress: TileCount | None) -> Callable[..., None]:
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
     """Do jobs, each rendered while the next is read and the one before is written."""
     engine.load()
-    pipeline.run(_jobs(chunks, stopped), done)
+    pipeline.run(_jobs(chunks, stopped), done, stopped=stopped)
 
 
 def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:

@@ -20,7 +20,12 @@ Numbered = tuple[int, Job]
 Done = Callable[[int, Result], None]
 
 
-def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None) -> None:
+def run(
+    jobs: Iterable[Numbered],
+    done: Done,
+    progress: TileCount | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
     """Do jobs in their order.
 
     Args:
@@ -28,6 +33,7 @@ def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None)
         done: called with number and result of each as soon as it is durable, on another thread
             or on this one, one at a time.
         progress: called with (tiles done, tiles in all) of the picture that is being computed.
+        stopped: whether no further picture is to be computed; those read ahead are let go.
 
     Raises:
         Exception: what ``jobs`` or ``done`` raised.
@@ -36,6 +42,8 @@ def run(jobs: Iterable[Numbered], done: Done, progress: TileCount | None = None)
     ahead, behind = _Ahead(jobs, gate), _Behind(done, gate)
     try:
         for number, ready in ahead:
+            if stopped():
+                break
             behind.put(number, ready.result or work.compute(ready, progress))
     finally:
         try:

@@ -30,6 +30,7 @@ STRIKES = 3
 AT_ONCE = 3  # jobs of a process: one is read, one rendered and one written
 _STILLBORN = 3  # processes that may die before they are ready
 _GRACE = 10.0  # seconds to end in
+_GLANCE = 0.1  # seconds after which it is seen that all is to stop
 
 
 class Pool:
@@ -104,7 +105,8 @@ class Pool:
         if self.stopped():
             each.chunk.clear()
             self.suspects.clear()
-        if not each.ready or each.alone:
+            each.stop()
+        if not each.ready or each.alone or each.told_to_stop:
             return
         if self.suspects and not each.flight:
             each.alone = True
@@ -128,7 +130,7 @@ class Pool:
             return
         handles: dict[Any, _Worker] = {each.connection: each for each in self.workers}
         handles |= {each.process.sentinel: each for each in self.workers}
-        for each in dict.fromkeys(handles[handle] for handle in wait(list(handles))):
+        for each in dict.fromkeys(handles[handle] for handle in wait(list(handles), _GLANCE)):
             try:
                 while each.connection.poll():
                     self._hear(each, each.connection.recv())
@@ -148,6 +150,8 @@ class Pool:
         """A process has died: what it had is done again, each by itself."""
         self.workers.remove(each)
         each.kill()
+        if each.told_to_stop:  # and let go of what it had not begun
+            return
         if not each.ready:
             self.stillborn += 1
             if self.stillborn >= _STILLBORN:
@@ -180,6 +184,7 @@ class _Worker:
         self.flight: dict[int, Job] = {}
         self.ready = False
         self.alone = False
+        self.told_to_stop = False
 
     def send(self, numbered: tuple[int, Job]) -> None:
         """Give it a job."""
@@ -187,11 +192,17 @@ class _Worker:
         with suppress(OSError):  # it is dead, as we shall hear
             self.connection.send(numbered)
 
-    def dismiss(self) -> None:
-        """Let it end."""
-        if self.ready:
+    def stop(self) -> None:
+        """Let it end after what it has begun."""
+        if self.ready and not self.told_to_stop:
+            self.told_to_stop = True
             with suppress(OSError):
                 self.connection.send(None)
+
+    def dismiss(self) -> None:
+        """Let it end, as it has nothing to do."""
+        self.stop()
+        if self.ready:
             self.process.join(_GRACE)
         self.kill()
 

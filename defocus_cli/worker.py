@@ -1,7 +1,8 @@
 """A process that does jobs for the coordinator of a batch.
 
-It is sent (number, job), and None when there are no more; it sends ``ready`` when it can start,
-then (number, result) for each. It ends when the coordinator is gone, and leaves Ctrl-C to it.
+It is sent (number, job), and None when no further one is to be begun: what it has not begun to
+compute by then it lets go. It sends ``ready`` when it can start, then (number, result) for each
+that it did. It ends when the coordinator is gone, and leaves Ctrl-C to it.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
+from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
 from defocus_cli import engine, pipeline
@@ -33,19 +35,27 @@ def serve(connection: Connection) -> None:
         connection.send((number, {key: value for key, value in result.items() if key != "error"}))
 
     connection.send(READY)
-    pipeline.run(_received(connection), send)
+    stopped = threading.Event()
+    pipeline.run(_received(connection, stopped), send, stopped=stopped.is_set)
     connection.close()
     os._exit(0)  # all is told and written; taking PyTorch down takes a second
 
 
-def _received(connection: Connection) -> Iterator[tuple[int, Job]]:
-    while True:
+def _received(connection: Connection, stopped: threading.Event) -> Iterator[tuple[int, Job]]:
+    """The jobs that are sent; ``stopped`` is set when no further one is to be begun."""
+    queue: SimpleQueue[tuple[int, Job] | None] = SimpleQueue()
+
+    def listen() -> None:  # even while a job waits to be read
         try:
-            numbered = connection.recv()
+            while (numbered := connection.recv()) is not None:
+                queue.put(numbered)
         except (EOFError, OSError):
             os._exit(1)  # nobody wants what is being rendered
-        if numbered is None:
-            return
+        stopped.set()
+        queue.put(None)
+
+    threading.Thread(target=listen, name="listener", daemon=True).start()
+    while (numbered := queue.get()) is not None:
         yield numbered
 
 

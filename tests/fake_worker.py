@@ -7,9 +7,10 @@ import signal
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from defocus_cli import worker
+from defocus_cli import engine, work, worker
 from defocus_cli.files import leftover
 from defocus_cli.identity import core_version
 from defocus_cli.job import Job
@@ -42,6 +43,18 @@ def serve(connection: Connection) -> None:
     while (numbered := connection.recv()) is not None:
         number, job = numbered
         connection.send((number, result_of(job)))
+
+
+def serve_slowly(connection: Connection) -> None:
+    """Do what comes as a real worker does, whose steps take their time and make nothing."""
+
+    def compute(ready: Any, progress: Any) -> dict[str, Any]:
+        time.sleep(0.5)
+        return {"status": "ok", "reason": None}
+
+    work.Reader = lambda: SimpleNamespace(read=lambda job: SimpleNamespace(job=job, result=None))
+    work.compute, engine.load = compute, lambda: None
+    worker.serve(connection)
 
 
 def serve_on(connection: Connection) -> None:

@@ -121,6 +121,18 @@ def interrupt_after(seconds: float) -> None:
     threading.Timer(seconds, signal.pthread_kill, asking).start()
 
 
+def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps: Steps) -> None:
+    done: list[int] = []
+
+    def stopped() -> bool:  # asked before b is computed: a is written, c is read
+        return ("compute.", "a") in steps.events
+
+    pipeline.run(jobs("abcdefgh"), lambda number, result: done.append(number), stopped=stopped)
+    assert done == [0]
+    assert ("compute", "b") not in steps.events
+    assert ("read", "d") not in steps.events
+
+
 def test_ctrl_c_during_the_last_write_comes_after_it(steps: Steps) -> None:
     done: list[int] = []
     interrupt_after(2.5 * STEP)  # read, computed, half written

@@ -114,6 +114,17 @@ def test_nothing_new_is_begun_when_stopped(tmp_path: Path) -> None:
     assert len(taken) < 7
 
 
+def test_what_processes_have_read_ahead_is_let_go_when_stopped(tmp_path: Path) -> None:
+    """Of the three that a process has, it ends the one that it is at when it is told."""
+    results = results_of(
+        chunks_of(tmp_path, *"abcdef"),
+        processes=1,
+        stopped=lambda done: len(done) >= 1,
+        serve=fake_worker.serve_slowly,
+    )
+    assert list(results) in ([0], [0, 1])
+
+
 def test_processes_that_cannot_start_are_told_of(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"worker processes: die when they start \(exit code 7\)"):
         results_of(chunks_of(tmp_path, "a", "b"), serve=fake_worker.serve_nobody)
