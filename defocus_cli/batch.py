@@ -24,6 +24,7 @@ from defocus_cli.journal import Journal, Record, journal_path, told_path
 from defocus_cli.lock import locked
 from defocus_cli.placement import refuse_unwritable
 from defocus_cli.plan import Plan, make_plan
+from defocus_cli.remains import Remains
 from defocus_cli.undertaking import Undertaking
 from defocus_cli.work import Result
 
@@ -131,6 +132,7 @@ class _Batch:
     ) -> None:
         self.plan, self.out, self.how, self.listener = plan, out, how, listener
         self.run, self.journal, self.summary, self.interrupts = run, journal, summary, interrupts
+        self.remains = Remains(out)
         self.stopping = False
 
     def do(self) -> None:
@@ -140,6 +142,8 @@ class _Batch:
             self.how.execute(self.chunks(), self.done, self.stopped)
         finally:
             self.summary.seconds = time.perf_counter() - start
+            for line in self.remains.lines():
+                report.say(line)
 
     def stopped(self) -> bool:
         """Whether no further job is to be begun."""
@@ -159,6 +163,8 @@ class _Batch:
         if result["reason"] == "no-space":  # nobody else will find any
             raise NoSpace(*result["message"].split(": ", 1))
         record = record_of(job, self.plan.todo[number][1], self.out, result)
+        if result["status"] == "ok":
+            self.remains.beside(record, self.plan.replaced.pop(number, ()))
         self.journal.append(record)
         if result["status"] == "ok":
             self.run.known(job.names.values())

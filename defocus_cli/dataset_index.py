@@ -63,11 +63,17 @@ def entries(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
 
 def _joined(before: Record, record: Record) -> Record:
     """A record, and what an earlier one wrote of the same sample if it was taken alike."""
-    if any(before[key] != record[key] for key in _TAKEN) or _hashes(before) != _hashes(record):
+    if not taken_alike(before, record):
         return record
     outputs = {**before["outputs"], **record["outputs"]}
     warnings = list(dict.fromkeys([*before["warnings"], *record["warnings"]]))
     return {**record, "outputs": outputs, "warnings": warnings}
+
+
+def taken_alike(before: Record, record: Record) -> bool:
+    """Whether two pictures that are done are of the same inputs, by the same lens and renderer."""
+    alike = all(before[key] == record[key] for key in _TAKEN)
+    return alike and _hashes(before) == _hashes(record)
 
 
 def _hashes(record: Record) -> dict[str, Any]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from defocus_cli import identity
 from defocus_cli.errors import InputError
-from defocus_cli.job import PREVIEW, Job
+from defocus_cli.job import KINDS, PREVIEW, Job
 from defocus_cli.journal import Record, told_path, without_collections
 
 
@@ -40,6 +41,18 @@ class Ledger:
     def knows(self, job: Job) -> bool:
         """Whether a record speaks of a file that a job writes."""
         return any(name in self._last for name in job.names.values())
+
+    def replaced(self, job: Job) -> list[Record]:
+        """The records of what was made of which a job replaces some files and not all."""
+        every = replace(job.outputs, kinds=KINDS, preview=True).names(job.sample_id)
+        own = set(job.names.values())
+        others = {id(record): record for name in every.values() if (record := self._last.get(name))}
+        return [
+            record
+            for record in others.values()
+            if record["status"] == "ok"
+            and 0 < len(own & set(_files(record))) < len(record["outputs"])
+        ]
 
     def settled(self, job: Job, *, recipe: str, read_inputs: bool) -> Record | None:
         """The record by which a job need not be done again; None if it has to be.

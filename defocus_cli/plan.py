@@ -26,6 +26,7 @@ class Plan:
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
         again: how many of those to do, now or later, have a record that theirs will replace.
+        replaced: by number in ``todo``, records of which a job replaces some files and not all.
         left: files that runs which did not end were about to write, and that no journal knows.
     """
 
@@ -35,6 +36,7 @@ class Plan:
     beyond: int
     changed: int
     again: int
+    replaced: dict[int, list[Record]]
     left: frozenset[str]
 
 
@@ -67,7 +69,9 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     refuse_unknown([job for job, _ in now], ledger.files | undertaking.begun(out))
     begun = undertaking.begun(out, how.shard) - ledger.files
     left = frozenset(name for name in begun if (out / name).exists())
-    return Plan(now, settled, moved, len(todo) - len(now), changed, again, left)
+    parts = ((number, ledger.replaced(job)) for number, (job, _) in enumerate(now))
+    replaced = {number: records for number, records in parts if records}
+    return Plan(now, settled, moved, len(todo) - len(now), changed, again, replaced, left)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
