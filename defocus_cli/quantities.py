@@ -119,13 +119,15 @@ def pixel(text: str) -> tuple[int, int]:
 
 
 def byte_count(text: str) -> int:
-    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096``."""
-    number, unit = _split(text, "a size", "write it like 1GB")
-    if unit and unit not in _BYTES:
+    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
+    number, unit = _split(text, "a size", "write it like 2GB")
+    if not unit:
+        raise QuantityError(f"'{text}' has no unit", "write it with a unit, like 2GB")
+    if unit not in _BYTES:
         raise QuantityError(f"'{text}' has an unknown unit", f"use one of {', '.join(_BYTES)}")
-    count = int(number * _BYTES[unit]) if unit else int(number)
+    count = int(number * _BYTES[unit])
     if count < 1:
-        raise QuantityError(f"'{text}' holds no byte", "write it like 1GB")
+        raise QuantityError(f"'{text}' holds no byte", "write it like 2GB")
     return count
 
 

@@ -36,6 +36,13 @@ def test_a_length_without_unit_is_refused_with_an_example() -> None:
     assert str(raised.value) == "'2' has no unit; write it with a unit, like 2m or 50mm"
 
 
+def test_a_size_without_unit_is_refused_with_an_example() -> None:
+    for text in ("400", "2e9", "0"):
+        with pytest.raises(QuantityError) as raised:
+            quantities.byte_count(text)
+        assert str(raised.value) == f"'{text}' has no unit; write it with a unit, like 2GB"
+
+
 @pytest.mark.parametrize(
     "text", ["", "m", "two metres", "1.2.3m", "2yd", "0mm", "-2m", "nan", "inf"]
 )

@@ -109,9 +109,9 @@ def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, mon
 
 
 def test_sizes_are_read_as_people_write_them() -> None:
-    sizes = {"1GB": 10**9, "1.5 MiB": 3 * 2**19, "4096": 4096, "2kb": 2000}
+    sizes = {"1GB": 10**9, "1.5 MiB": 3 * 2**19, "4096B": 4096, "2kb": 2000}
     assert {text: byte_count(text) for text in sizes} == sizes
-    for text in ("0", "-1GB", "1XB", "much", "0.2"):
+    for text in ("0B", "-1GB", "1XB", "much", "0.2B"):
         with pytest.raises(QuantityError):
             byte_count(text)
 
