@@ -34,7 +34,7 @@ def read_head(path: Path, count: int = 16) -> bytes:
     """First ``count`` bytes of an existing, readable, non-empty file.
 
     Raises:
-        InputError: the file is missing, is a directory, is empty or may not be read.
+        InputError: the file is missing, no regular one, is empty or may not be read.
     """
     try:
         str(path).encode()
@@ -43,6 +43,8 @@ def read_head(path: Path, count: int = 16) -> bytes:
     try:
         if path.is_dir():
             raise InputError(path, "is a directory, not an image", "name a file in it")
+        if path.exists() and not path.is_file():  # to open a pipe is to wait for its writer
+            raise InputError(path, "is not a regular file", "copy what it holds to one")
         with path.open("rb") as file:
             head = file.read(count)
     except FileNotFoundError as error:

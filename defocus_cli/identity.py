@@ -12,6 +12,7 @@ rendered again.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import time
@@ -20,6 +21,7 @@ from functools import cache, lru_cache
 from hashlib import blake2b
 from importlib.util import find_spec
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from defocus_cli.job import Job
@@ -82,8 +84,10 @@ def stamp(path: Path) -> dict[str, Any]:
     """Size, time of modification and hash of a file.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: it cannot be read, or is no regular file.
     """
+    if not S_ISREG(path.stat().st_mode):  # to open a pipe is to wait for its writer
+        raise OSError(errno.EINVAL, "is not a regular file", str(path))
     with path.open("rb") as file:
         hashed = blake2b(digest_size=DIGEST)
         while block := file.read(2**20):

@@ -6,8 +6,10 @@ Exit code 2 is usage, 3 is input or output. Nothing is written.
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,25 @@ def test_a_directory_for_a_file(color: Path, depth: Path, out: Path) -> None:
     refused_input(render(color, depth.parent, "-o", out), depth.parent, "is a directory")
     refused_input(render(color.parent, depth, "-o", out), color.parent, "is a directory")
     refused_input(run("info", color.parent), color.parent, "is a directory")
+
+
+def socket_at(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda p: p.symlink_to("/dev/zero"), socket_at])
+def test_what_is_no_regular_file(
+    make: Callable[[Path], object], color: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a pipe, the first byte may never come; of /dev/zero, the last."""
+    monkeypatch.chdir(color.parent)
+    odd = Path("odd.exr")  # the name of a socket must be short
+    make(odd)
+    words = ("is not a regular file; copy",)
+    for ran in (render(color, odd, "-o", out), render(odd, color, "-o", out), run("info", odd)):
+        refused_input(ran, odd, *words)
+    assert render(color, odd, "-o", out, "--dry-run").code == 3
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png", "a.jpg", "a.tif", "a.hdr"])
