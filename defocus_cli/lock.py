@@ -52,10 +52,7 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[None]
     ended = threading.Event()
     threading.Thread(target=_beat, args=(path, ended), daemon=True).start()
     try:
-        for other in sorted(out.glob(".journal*.lock")):
-            who = None if other == path or _of_same_division(other, shard) else _holder(other)
-            if who is not None:
-                raise _held(other, who)
+        _refuse_others(out, path, shard)
         yield
     finally:
         ended.set()
@@ -65,9 +62,25 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[None]
         os.close(number)
 
 
+def refuse_held(out: Path) -> None:
+    """Refuse an OUT that somebody writes to, before anything is said about what is in it.
+
+    Raises:
+        InputError: someone holds a lock.
+    """
+    _refuse_others(out, None, None)
+
+
 def holder(out: Path, shard: Shard | None = None) -> str | None:
     """Who holds a lock, in words; None if nobody does."""
     return _holder(lock_path(out, shard))
+
+
+def _refuse_others(out: Path, own: Path | None, shard: Shard | None) -> None:
+    for other in sorted(out.glob(".journal*.lock")):
+        who = None if other == own or _of_same_division(other, shard) else _holder(other)
+        if who is not None:
+            raise _held(other, who)
 
 
 def _holder(path: Path) -> str | None:

@@ -198,6 +198,14 @@ def test_a_second_batch_on_the_same_directory_is_refused(tmp_path: Path, out: Pa
     assert files_under(out) == set()
 
 
+def test_retry_of_what_another_does_is_refused_before_a_word_is_said(
+    tmp_path: Path, out: Path
+) -> None:
+    run("batch", jobs_file(tmp_path), "-o", out)
+    with locked(out, say=print):
+        refused(run("retry", out), 3, f"process {os.getpid()} on ", "stop it")
+
+
 def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path)
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())

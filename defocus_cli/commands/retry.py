@@ -13,6 +13,7 @@ from defocus_cli.grouped import GroupedCommand
 from defocus_cli.how import How
 from defocus_cli.journal import read_all, require_journal
 from defocus_cli.ledger import Ledger
+from defocus_cli.lock import refuse_held
 from defocus_cli.option_types import FilePath
 from defocus_cli.reasons import REASONS
 from defocus_cli.revival import failed_jobs
@@ -51,6 +52,7 @@ def command(
       defocus retry out --reason worker-died --processes 1
     """  # noqa: D301  click reads the backspace
     require_journal(out)
+    refuse_held(out)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         report.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")
