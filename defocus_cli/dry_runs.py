@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from defocus_cli import report
 from defocus_cli.errors import SomeFailed, UserError
+from defocus_cli.focusing import Rejected
 from defocus_cli.job import MAP_KINDS, Job
 from defocus_cli.plan import Plan
 from defocus_cli.quantities import counted
@@ -52,17 +53,16 @@ def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
             click.echo(forecast.line(by_job[job]))
     for line in forecast.total_lines(looked_at, len(todo)) if looked_at and not as_json else ():
         click.echo(line)
-    if unusable:
-        tried = len(found) + len(unusable)
-        raise SomeFailed(f"{len(unusable)} of {tried} pictures that were looked at would fail")
+    _end(unusable, len(found), "pictures")
 
 
 def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:
     """Say it of a batch, in few lines; of each job if ``verbose``.
 
-    What would fail or be rejected is said on stderr; the batch goes on without it, too.
+    What would fail or be rejected is said on stderr.
 
     Raises:
+        SomeFailed: some would fail; the batch would go on without them, and end like this.
         UsageProblem: this machine has not got the device.
     """
     from defocus_cli import forecast
@@ -73,37 +73,49 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
     for error in unusable:
         report.say(f"defocus: {error.format_message()}")
     whole = forecast.total(found, len(todo)) if found else None
-    size = round(_bytes(plan, found)) if found else 0
-    seconds = _seconds(todo, whole) / processes if whole else 0.0
+    told = {
+        "jobs": len(plan.settled) + len(todo) + plan.beyond,
+        "done_before": len(plan.settled),
+        "todo": len(todo),
+        "beyond_limit": plan.beyond,
+        "processes": processes,
+        "forecast": whole,
+        "seconds": _seconds(todo, whole) / processes if whole else 0.0,
+        "bytes": round(_bytes(plan, found)) if found else 0,
+        "unusable": len(unusable),
+    }
     if as_json:
-        report.print_json(
-            dry_run=True,
-            jobs=len(plan.settled) + len(todo) + plan.beyond,
-            done_before=len(plan.settled),
-            todo=len(todo),
-            beyond_limit=plan.beyond,
-            processes=processes,
-            forecast=whole,
-            seconds=seconds,
-            bytes=size,
-            unusable=len(unusable),
-            samples=[report.plan_record(job) for job in todo],
-        )
-        return
-    for job in todo if verbose else ():
+        report.print_json(dry_run=True, **told, samples=[report.plan_record(job) for job in todo])
+    for job in todo if verbose and not as_json else ():
         click.echo(report.plan_line(job))
-    beyond = f", {plan.beyond} beyond the limit" if plan.beyond else ""
-    click.echo(f"{counted(len(plan.settled), 'job')} done before, {len(todo)} to do{beyond}")
-    if unusable:
-        tried = len(found) + len(unusable)
-        click.echo(f"{len(unusable)} of {tried} that were looked at would not be done")
+    for line in () if as_json else _batch_lines(told, len(found)):
+        click.echo(line)
+    _end(unusable, len(found), "jobs")
+
+
+def _batch_lines(told: Mapping[str, Any], found: int) -> Iterator[str]:
+    from defocus_cli.forecast import duration
+
+    todo, processes, whole = told["todo"], told["processes"], told["forecast"]
+    beyond = f", {told['beyond_limit']} beyond the limit" if told["beyond_limit"] else ""
+    yield f"{counted(told['done_before'], 'job')} done before, {todo} to do{beyond}"
+    if unusable := told["unusable"]:
+        yield f"{unusable} of {found + unusable} that were looked at would not be done"
     if whole is not None:
-        few = f", going by {len(found)} of them" if len(found) < len(todo) else ""
+        few = f", going by {found} of them" if found < todo else ""
         crew = counted(processes, "process", "processes")
-        click.echo(
-            f"about {forecast.duration(seconds)} in {crew}, {size / 2**30:.2f} GB "
+        yield (
+            f"about {duration(told['seconds'])} in {crew}, {told['bytes'] / 2**30:.2f} GB "
             f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
         )
+
+
+def _end(unusable: Sequence[UserError], usable: int, what: str) -> None:
+    """End as the run would: what is rejected is no failure."""
+    failing = sum(not isinstance(error, Rejected) for error in unusable)
+    if failing:
+        tried = usable + len(unusable)
+        raise SomeFailed(f"{failing} of {tried} {what} that were looked at would fail")
 
 
 def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:

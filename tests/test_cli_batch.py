@@ -279,6 +279,12 @@ def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path: Path, out: P
     assert len(records(out)) == 8
 
 
+def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path: Path, out: Path) -> None:
+    ran = run("batch", jobs_file(tmp_path, text=REJECTING), "-o", out, "--dry-run")
+    assert ran.code == 0
+    assert "4 of 4 that were looked at would not be done" in ran.out
+
+
 def test_overwrite_does_all_again(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out)
@@ -319,10 +325,13 @@ def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> N
     path = jobs_file(tmp_path)
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     ran = run("batch", path, "-o", out, "--dry-run")
-    assert ran.code == 0
+    assert ran.code == 1, "as the batch would end"
+    assert ran.err.endswith("defocus: 2 of 4 jobs that were looked at would fail\n")
     assert ran.err.count("a.exr: is NaN or ≤ 0 in 384 pixels") == 2
     assert "4 to do\n2 of 4 that were looked at would not be done\nabout " in ran.out
-    told = run("batch", path, "-o", out, "--dry-run", "--json").json
+    dry = run("batch", path, "-o", out, "--dry-run", "--json")
+    told = dry.json
+    assert dry.code == 1
     assert (told["unusable"], told["forecast"]["pictures_read"]) == (2, 2)
     reading = told["forecast"]["read_seconds"]
     assert told["seconds"] * told["processes"] == pytest.approx(reading / 2), "of 2 lenses each"
