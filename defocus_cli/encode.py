@@ -84,13 +84,13 @@ def write_image(
     codec = FORMATS[path.suffix.lower()]
     depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
     keep_alpha = codec != "jpeg"
-    clipped = 0
+    above = below = 0
 
     def encoded() -> Iterator[NDArray[Any]]:
-        nonlocal clipped
+        nonlocal above, below
         for rows in bands(pixels.shape):
-            samples, count = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
-            clipped += count
+            found = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
+            samples, above, below = found[0], above + found[1], below + found[2]
             yield samples
 
     told = {k: str(v) for k, v in attributes.items() if k.startswith("defocus:")}
@@ -98,8 +98,10 @@ def write_image(
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
-    if clipped:
-        warnings.append(f"{counted(clipped, 'pixel')} above 1 clipped")
+    if above:
+        warnings.append(f"{counted(above, 'pixel')} above 1 clipped")
+    if below:
+        warnings.append(f"{counted(below, 'pixel')} below 0 clipped")
     return warnings
 
 
@@ -121,8 +123,8 @@ def write_map(
 
 def display_encoded(
     pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
-) -> tuple[NDArray[Any], int]:
-    """Linear, premultiplied pixels as sRGB integers, and how many pixels were clipped.
+) -> tuple[NDArray[Any], int, int]:
+    """Linear, premultiplied pixels as sRGB integers, and how many were clipped at white and black.
 
     Args:
         pixels: [H, W, C] scene-linear.
@@ -131,7 +133,7 @@ def display_encoded(
         keep_alpha: divide the colour by alpha and keep it, instead of leaving it over black.
 
     Returns:
-        uint8 or uint16 [H, W, C'], and a count.
+        uint8 or uint16 [H, W, C'], and the two counts.
     """
     import numpy as np
 
@@ -142,13 +144,14 @@ def display_encoded(
         colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
         white = alpha if keep_alpha else white
     # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
-    clipped = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
+    above = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
+    below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
     if alpha is not None and keep_alpha:
         colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     encoded = quantised(linear_to_srgb(colour), bits)
     if alpha is not None and keep_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
-    return encoded, clipped
+    return encoded, above, below
 
 
 def write_samples(

@@ -120,6 +120,15 @@ def test_clipped_highlights_are_counted(tmp_path: Path) -> None:
     assert warning == "1 pixel above 1 clipped"
 
 
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_clipped_negative_colours_are_counted(suffix: str, tmp_path: Path) -> None:
+    pixels = picture()
+    pixels[2, 3:5, 1] = -0.2
+    pixels[2, 5] = -1e-7  # black, as blur returns it
+    (warning,) = write_image(tmp_path / f"a{suffix}", pixels, "RGB", attributes={})
+    assert warning == "2 pixels below 0 clipped"
+
+
 def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:
     def written() -> dict[str, bytes]:
         for suffix in SUFFIXES:
@@ -229,13 +238,13 @@ def test_previews_are_8_bit_png(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("error")
 def test_the_largest_of_all_floats_is_white_without_a_word() -> None:
     glare = np.full((1, 1, 3), np.finfo(np.float32).max, np.float32)
-    encoded, clipped = display_encoded(glare, "RGB", 8, keep_alpha=True)
+    encoded, clipped, _ = display_encoded(glare, "RGB", 8, keep_alpha=True)
     assert (encoded == 255).all()
     assert clipped == 1
 
 
 def test_rounding_where_nothing_is_seen_is_not_clipped() -> None:
     nearly_clear = np.array([[[5e-9, 0, 0, 1e-9], [0.2, 0, 0, 0.1]]], np.float32)
-    encoded, clipped = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
+    encoded, clipped, _ = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
     assert clipped == 1, "the second one alone"
     assert encoded[0, :, 3].tolist() == [0, 26]
