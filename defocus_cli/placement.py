@@ -40,7 +40,7 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
             if path.is_dir():
                 problem = "is a directory where a file is to be written"
                 raise InputError(path, problem, "choose another -o")
-            if not overwrite and name not in known and path.exists():
+            if not overwrite and name not in known and os.path.lexists(path):
                 existing.append(path)
     if existing:
         others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""

@@ -223,6 +223,17 @@ def test_a_file_that_the_journal_does_not_know_is_refused(
     assert sorted(path.name for path in out.iterdir()) == ["coc"]
 
 
+def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    (out / "coc").mkdir(parents=True)
+    (out / "coc" / "c.exr").symlink_to("/mnt/away/c.exr")
+    refused(again(folders, out), 3, "c.exr: exists already, and the journal does not know it")
+    assert computed == []
+    assert again(folders, out, "--overwrite").code == 0
+    assert not (out / "coc" / "c.exr").is_symlink()
+
+
 def test_what_a_killed_run_had_begun_is_its_own(
     folders: tuple[Path, Path], out: Path, computed: Computed
 ) -> None:
