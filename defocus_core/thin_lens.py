@@ -33,7 +33,7 @@ class ThinLens:
         sensor_size: Sensor (width, height) in mm.
         sensor_res: Sensor (width, height) in px. A smaller image is a crop at the same pitch.
         pixel_size: Sensor width / width in px, in mm, on both axes.
-        foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 at first.
+        foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 or -inf at first.
         d_far: Depth beyond which `coc` stays what it is there, in mm; -inf for none.
         d_close: Depth nearer than which `coc` stays what it is there, in mm; 0 for none.
         obj_depth: Depth that the PSF maps show by default, in mm.
@@ -48,7 +48,7 @@ class ThinLens:
         device: torch.device | str | None = None,
         dtype: torch.dtype = torch.float32,
     ) -> None:
-        """Describe lens and sensor; the focus is at 20 m.
+        """Describe lens and sensor; the focus is at 20 m, or at infinity if foclen is not less.
 
         Args:
             foclen: Focal length in mm, > 0.
@@ -90,7 +90,7 @@ class ThinLens:
         self.d_far = -math.inf
         self.d_close = 0.0
         self.obj_depth = -20000.0
-        self.refocus(-20000.0)
+        self.refocus(-20000.0 if _number(foclen) < 20000.0 else -math.inf)
 
     def refocus(self, foc_dist: Scalar) -> None:
         """Focus at a distance of |foc_dist| mm, which may be infinite.

@@ -55,6 +55,15 @@ def test_coc_is_the_signed_radius_in_px_as_float(tmp_path: Path) -> None:
     np.testing.assert_allclose(channels["coc"], thin_lens_radius(ramp() * 1e3), atol=1e-5)
 
 
+def test_telescopes_have_a_coc_too(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    lens = ("--focal-length", "39m", "--aperture-diameter", "1mm", "--focus", "inf")
+    ran = run("render", *lens, color, depth, "-o", tmp_path / "out", "--outputs", "coc")
+    assert ran.code == 0, ran.err
+    radius = read_exr(tmp_path / "out" / "coc" / "a.exr")["coc"]
+    np.testing.assert_allclose(radius, -39 / ramp() / (2 * PITCH), rtol=1e-6)
+
+
 def test_disparity_is_the_distance_of_the_half_disc_centroids(tmp_path: Path) -> None:
     render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "disparity,coc")
     disparity = read_exr(tmp_path / "out" / "disparity" / "a.exr")["disparity"]

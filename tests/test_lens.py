@@ -104,8 +104,9 @@ def test_a_focus_in_a_tensor_is_followed_through_gradient_steps():
     assert lens.foc_dist == -800.0
 
 
-def test_focus_is_at_twenty_metres_until_it_is_set():
+def test_focus_is_at_twenty_metres_until_it_is_set_or_beyond_a_longer_lens():
     assert DefocusLens(50, 1.4).foc_dist == -20000.0
+    assert DefocusLens(20000, 15.0).foc_dist == -math.inf, "a telescope has no nearer one"
 
 
 @pytest.mark.parametrize("coc", [0.03, 0.1])
