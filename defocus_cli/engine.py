@@ -125,14 +125,12 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     if reading.part is None:
         return None, None
     from defocus_cli.images import describe
+    from defocus_cli.layers import require_part
 
     paths = (picture.color, picture.depth)
     color, depth = (len(describe(path).parts) for path in paths)
-    alone = picture.color == picture.depth or max(color, depth) == 1
-    if alone and reading.part >= color:
-        problem = f"has no part {reading.part}, only {color}"
-        remedy = "leave --part out" if color == 1 else "it counts from 0"
-        raise InputError(picture.color, problem, remedy)
+    if picture.color == picture.depth or max(color, depth) == 1:
+        require_part(picture.color, reading.part, color)
     return reading.part if color > 1 else None, reading.part if depth > 1 else None
 
 

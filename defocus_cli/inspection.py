@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -58,8 +60,27 @@ class Inspection:
     maps: tuple[MapFound, ...] = ()
 
 
-def inspect(path: Path, reading: Reading, lens: Lens | None) -> Inspection:
+def have_parts(paths: Sequence[Path]) -> bool:
+    """Whether any of some files, as far as they can be read, has several parts."""
+    from defocus_cli.images import describe
+
+    for path in paths:
+        with suppress(InputError):
+            if len(describe(path).parts) > 1:
+                return True
+    return False
+
+
+def inspect(
+    path: Path, reading: Reading, lens: Lens | None, *, beside_parts: bool = False
+) -> Inspection:
     """Read a file as ``defocus render`` would, and say what is in it.
+
+    Args:
+        path: the file.
+        reading: what to take from it.
+        lens: what to say the blur of; None for none.
+        beside_parts: the part that is asked for may be that of another file, if this has but one.
 
     Raises:
         InputError: the file cannot be read, or does not have what ``reading`` names.
@@ -67,8 +88,11 @@ def inspect(path: Path, reading: Reading, lens: Lens | None) -> Inspection:
     """
     from defocus_cli.depth import read_depth
     from defocus_cli.images import describe, read_color
+    from defocus_cli.layers import require_part
 
     info = describe(path)
+    if reading.part is not None and (len(info.parts) > 1 or not beside_parts):
+        require_part(path, reading.part, len(info.parts))
     color_note = _why_no_color(info, reading)
     depth_note = _why_no_depth(info, reading)
     color = depth = None

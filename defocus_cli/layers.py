@@ -118,13 +118,23 @@ def choose_depth(
     return _only(path, candidates, "depth channel", "--depth-channel")
 
 
+def require_part(path: Path, part: int, count: int) -> None:
+    """Refuse a part that a file of ``count`` parts has not got.
+
+    Raises:
+        InputError: it has not.
+    """
+    if not 0 <= part < count:
+        problem = f"has no part {part}, only {count}"
+        remedy = "leave --part out" if count == 1 else f"--part counts from 0 to {count - 1}"
+        raise InputError(path, problem, remedy)
+
+
 def _of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
     # One --part serves the colour and the depth file; where there is one part, it chooses nothing.
     if part is None or len(headers) == 1:
         return headers
-    if not 0 <= part < len(headers):
-        problem = f"has no part {part}, only {len(headers)}"
-        raise InputError(path, problem, f"--part counts from 0 to {len(headers) - 1}")
+    require_part(path, part, len(headers))
     return headers[part : part + 1]
 
 

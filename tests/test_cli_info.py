@@ -21,7 +21,7 @@ from command_line import (
     texture,
     write_exr,
 )
-from image_files import save
+from image_files import multi_part, save
 
 
 def holed_depth(path: Path) -> Path:
@@ -149,6 +149,22 @@ def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path: Path) -> No
 def test_a_channel_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     path = depth_exr(tmp_path / "z.exr")
     refused(run("info", path, "--depth-channel", "W"), 3, f"{path}: has no channel W")
+
+
+def test_a_part_that_no_file_has_is_refused_as_render_refuses_it(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    refused(run("info", color, "--part", "1"), 3, f"{color}: has no part 1, only 1; leave --part")
+    parts = multi_part(tmp_path / "p.exr", z={"Z": ramp()}, y={"Z": ramp()})
+    refused(run("info", parts, "--part", "2"), 3, f"{parts}: has no part 2, only 2; --part counts")
+    ran = run("info", color, parts, "--part", "1")
+    assert (ran.code, ran.err) == (0, ""), "the part of the other"
+
+
+def test_a_pixel_outside_one_file_is_said_and_the_others_are_told(tmp_path: Path) -> None:
+    small = depth_exr(tmp_path / "small.exr", ramp(4, 4))
+    ran = run("info", small, depth_exr(tmp_path / "z.exr"), *LENS[:4], "--focus-at", "9,9")
+    assert (ran.code, ran.out.splitlines()[0]) == (2, f"{tmp_path / 'z.exr'}: {WIDTH}x{HEIGHT}")
+    assert ran.err.startswith(f"defocus: --focus-at: 9,9 lies outside {small}")
 
 
 def test_half_a_lens_is_usage(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from defocus_cli import options, report
-from defocus_cli.errors import InputError
+from defocus_cli.errors import UserError
 from defocus_cli.grouped import GroupedCommand
-from defocus_cli.inspection import inspect
+from defocus_cli.inspection import have_parts, inspect
 from defocus_cli.job import Lens, Reading
 from defocus_cli.option_types import FilePath
 
@@ -27,19 +27,20 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are told.
+    cannot be read so is named, and the others are told.
 
     \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
     """  # noqa: D301  click reads the backspace
-    failed: InputError | None = None
+    failed: UserError | None = None
     records = []
+    beside_parts = reading.part is not None and have_parts(files)
     for file in files:  # each is told before the next is read
         try:
-            inspection = inspect(file, reading, lens)
-        except InputError as error:
+            inspection = inspect(file, reading, lens, beside_parts=beside_parts)
+        except UserError as error:
             if failed:
                 failed.show()
             failed = error
