@@ -1,27 +1,34 @@
-"""The files a benchmark writes: asked about before the work, written whole after it."""
+"""The files a benchmark writes: asked about before the work, written whole after it.
+
+What is for people goes to stdout, or to stderr if the JSON document is there.
+"""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
+
+import click
 
 from defocus_cli import bench_plot
 from defocus_cli.bench_table import csv_text, means, record, regressions
-from defocus_cli.errors import InputError
+from defocus_cli.errors import InputError, reason
 from defocus_cli.files import written_whole
-from defocus_cli.report import version
+from defocus_cli.report import print_json, version
 
 if TYPE_CHECKING:
     from defocus_cli.bench_run import Row
 
+STDOUT = Path("-")
+
 
 @dataclass(frozen=True)
 class Files:
-    """Where to write which kind; None for what is not wanted."""
+    """Where to write which kind; None for what is not wanted. JSON may go to `STDOUT`."""
 
     json: Path | None = None
     csv: Path | None = None
@@ -39,9 +46,12 @@ class Files:
         for path in filter(None, (self.json, self.csv, self.plot)):
             if path.is_dir():
                 raise InputError(path, "is a directory where a file is to be written", "name one")
-            folder = next(parent for parent in path.absolute().parents if parent.exists())
-            if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-                raise InputError(path, "cannot be written", "name a file elsewhere")
+            if path != STDOUT:
+                _try_folder(path)
+
+    def echo(self, line: str) -> None:
+        """Say a line to people."""
+        click.echo(line, err=self.json == STDOUT)
 
     def write(self, rows: Sequence[Row], settings: dict[str, Any]) -> None:
         """Write what is wanted of errors and times.
@@ -61,11 +71,24 @@ class Files:
         Raises:
             InputError: a file cannot be written.
         """
-        if self.json is not None:
+        if self.json == STDOUT:
+            print_json(**document)
+        elif self.json is not None:
             text = json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False)
             _write(self.json, text + "\n")
         if self.csv is not None:
             _write(self.csv, csv())
+
+
+def _try_folder(path: Path) -> None:
+    """Refuse a file in whose folder, or where that is to be made, no file can be made."""
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    try:
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        problem = f"cannot be written: {folder}: {reason(error)}"
+        raise InputError(path, problem, "name a file elsewhere") from None
 
 
 def _write(path: Path, text: str) -> None:

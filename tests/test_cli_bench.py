@@ -78,6 +78,12 @@ def test_less_can_be_asked_for(tiny: Path) -> None:
     assert "over" not in ran.out
 
 
+def test_json_without_a_file_is_all_that_stdout_gets_as_of_any_command(tiny: Path) -> None:
+    ran = bench("--json", "--truth", tiny, "--quality", "draft", "--no-baselines")
+    assert [row["method"] for row in ran.json["rows"]] == ["draft"]
+    assert ran.err.splitlines()[1].split()[:3] == ["card", "r7", "draft"]
+
+
 def test_progress_is_for_terminals(tiny: Path) -> None:
     args = ("bench", "--truth", tiny, "--quality", "draft", "--no-baselines", "--threads", "1")
     assert "rendering" in run(*args, err=Terminal()).err
@@ -91,6 +97,7 @@ def test_progress_is_for_terminals(tiny: Path) -> None:
         (("--quality", "best"), 2, ("--quality", "'best'", "draft, standard, high")),
         (("--plot", "plot.exe"), 2, ("--plot", "plot.exe", ".png")),
         (("--json", "."), 3, ("is a directory",)),
+        (("--json", "/proc/none/x.json"), 3, ("/x.json: cannot be written: /proc: ",)),
     ],
 )
 def test_what_makes_no_sense_is_refused(

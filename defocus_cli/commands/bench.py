@@ -13,7 +13,7 @@ import click
 
 from defocus_cli import bench_table, bench_time_table, options
 from defocus_cli.bench_baseline import faster, read_baseline
-from defocus_cli.bench_files import Files
+from defocus_cli.bench_files import STDOUT, Files
 from defocus_cli.bench_options import QUALITIES, Times, refuse_others, time_options
 from defocus_cli.bench_run import BASELINES, Row, measure_shot, warm_up
 from defocus_cli.bench_set import Shot, find_shots, read, sample_set
@@ -50,7 +50,15 @@ from defocus_cli.option_types import FilePath, Names
     show_default=True,
     help="Also measure the sharp input, the plain sum of slices, and over / alpha.",
 )
-@click.option("--json", "json_file", type=FilePath(), metavar="FILE", help="Write all as JSON.")
+@click.option(
+    "--json",
+    "json_file",
+    type=FilePath(),
+    is_flag=False,
+    flag_value=str(STDOUT),
+    metavar="[FILE]",
+    help="Write all as one JSON document, to FILE or else on stdout; then the table is on stderr.",
+)
 @click.option("--csv", "csv_file", type=FilePath(), metavar="FILE", help="Write the rows as CSV.")
 @click.option(
     "--plot",
@@ -148,11 +156,11 @@ def _errors(
     from defocus_cli import engine
 
     engine.load()
-    found = engine.choose_device(device)
+    found, echo = engine.choose_device(device), files.echo
     rows: list[Row] = []
     warm_up(found)
-    click.echo(bench_table.heading())
-    with _progress(len(shots) * len(methods)) as (step, tell):
+    echo(bench_table.heading())
+    with _progress(len(shots) * len(methods), echo) as (step, tell):
         for shot in shots:
             done = []
             for row in measure_shot(
@@ -164,7 +172,7 @@ def _errors(
                 tell(line)
             rows += done
     for line in bench_table.summary_lines(rows):
-        click.echo(line)
+        echo(line)
     files.write(rows, {**settings, "device": found, "threads": threads, "repeat": repeat})
 
 
@@ -176,24 +184,24 @@ def _times(
     from defocus_cli import engine
 
     engine.load()
-    found = engine.choose_device(device)
+    found, echo = engine.choose_device(device), files.echo
     if stored:
         stored.refuse_incomparable(cases, threads=threads, device=found)
     known = calibrated(found, threads) if times.predict else None
     timed = partial(measure, device=found, threads=threads, repeat=repeat, calibration=known)
     warm_up(found)
-    click.echo(bench_time_table.heading(predicted=times.predict))
+    echo(bench_time_table.heading(predicted=times.predict))
     timings = []
-    with _progress(len(cases)) as (step, tell):
+    with _progress(len(cases), echo) as (step, tell):
         for case in cases:
             timings.append(timed(case))
             step()
             tell(bench_time_table.line(timings[-1]))
     for line in bench_time_table.scaling_lines(timings):
-        click.echo(line)
+        echo(line)
     if times.predict:
         for line in bench_time_table.prediction_lines(timings):
-            click.echo(line)
+            echo(line)
     settings: dict[str, Any] = {"device": found, "threads": threads, "repeat": repeat}
     worse: Sequence[Mapping[str, Any]] = ()
     if stored:
@@ -206,19 +214,26 @@ def _times(
         compared = stored.compare(timings)
         settings["baseline"] = {"tolerance": times.tolerance, "cases": compared}
         for line in bench_time_table.comparison_lines(compared, worse, times.tolerance):
-            click.echo(line)
+            echo(line)
     document = {**settings, **bench_time_table.document(timings)}
     files.write_tables(document, lambda: bench_time_table.csv_text(timings))
     return 1 if worse else 0
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[tuple[Callable[[], object], Callable[[str], object]]]:
+def _progress(
+    total: int, echo: Callable[[str], object]
+) -> Iterator[tuple[Callable[[], object], Callable[[str], object]]]:
     """What to call after each rendering, and what says a line above the bar, if a terminal sees."""
     if sys.stderr is None or not sys.stderr.isatty():
-        yield lambda: None, click.echo
+        yield lambda: None, echo
         return
     from tqdm import tqdm
 
     with tqdm(total=total, unit="rendering", file=sys.stderr, leave=False) as bar:
-        yield bar.update, lambda line: tqdm.write(line, file=sys.stdout)
+
+        def tell(line: str) -> None:
+            with tqdm.external_write_mode(file=sys.stdout):
+                echo(line)
+
+        yield bar.update, tell
