@@ -1,16 +1,28 @@
-"""What is made of OUT when a batch has ended: the index of its samples, and shards of them."""
+"""What is made of OUT when a batch has ended: the index of its samples, and shards of them.
+
+A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
+any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
+`defocus merge` indexes all of them. A retry adds what it did to the index that is there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
-from defocus_cli import dataset_index, tar_shards
+from defocus_cli import dataset_index, report, tar_shards
 from defocus_cli.journal import read_all
 from defocus_cli.ledger import Ledger
+from defocus_cli.quantities import counted
 
 
-def index(out: Path, shards_size: int | None) -> list[Path]:
-    """Write the index, and tars of at most ``shards_size`` bytes if asked for.
+def index(out: Path, shards_size: int | None, asked: Collection[str] | None = None) -> list[Path]:
+    """Write the index, and tars if asked for.
+
+    Args:
+        out: what was written to.
+        shards_size: bytes that a tar is at most; None for no tars.
+        asked: names of the samples to list, as far as they are done; None for all in OUT.
 
     Returns:
         What was written.
@@ -19,7 +31,18 @@ def index(out: Path, shards_size: int | None) -> list[Path]:
         InputError: it cannot be.
     """
     records = Ledger(out, read_all(out)).live
+    if asked is not None:
+        own = [record for record in records if record["sample_id"] in asked]
+        _tell_of_others(out, dataset_index.names(records) - dataset_index.names(own))
+        records = own
     written = [dataset_index.write(out, records)]
     if shards_size is not None:
         written += tar_shards.write(out, records, shards_size)
     return written
+
+
+def _tell_of_others(out: Path, others: Collection[str]) -> None:
+    if others:
+        told = f"lists none of {counted(len(others), 'sample')} that were not asked for now"
+        remedy = f"'defocus merge {out}' lists all"
+        report.say(f"{out / dataset_index.NAME}: {told}, like {min(others)}; {remedy}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +55,28 @@ def entries(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
     """
     done: dict[str, Record] = {}
     for record in records:
-        if record["status"] == "ok" and not record["outputs"].keys().isdisjoint(KINDS):
+        if _is_sample(record):
             name = str(record["sample_id"])
             done[name] = _joined(done[name], record) if name in done else record
     for name in sorted(done):
         yield _entry(done[name])
+
+
+def names(records: Iterable[Record]) -> set[str]:
+    """The names of the samples that the index of some records would list."""
+    return {str(record["sample_id"]) for record in records if _is_sample(record)}
+
+
+def listed(out: Path) -> set[str] | None:
+    """The names of the samples in the index of OUT; None if it has none that can be read."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        lines = (out / NAME).read_text(encoding="utf-8").splitlines()
+        return {str(json.loads(line)["sample_id"]) for line in lines}
+    return None
+
+
+def _is_sample(record: Record) -> bool:
+    return record["status"] == "ok" and not record["outputs"].keys().isdisjoint(KINDS)
 
 
 def _joined(before: Record, record: Record) -> Record:

@@ -171,6 +171,24 @@ def test_a_sample_made_anew_with_fewer_kinds_is_indexed_once(tmp_path: Path, out
     assert {kind for one in samples(out) for kind in one.files} == {"coc"}
 
 
+def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    depth_exr(tmp_path / "depth" / "b.exr", -ramp())
+    path.write_text(JOBS.replace('"2m"', '"3m"'))
+    ran = run("batch", path, "-o", out, "--shards-size", "1MB")
+    assert "metadata.jsonl: lists none of 2 samples that were not asked for now" in ran.err
+    assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus3m"]
+    depth_exr(tmp_path / "depth" / "b.exr")
+    assert run("retry", out).code == 0
+    now = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "3m")]
+    assert [one.sample_id for one in samples(out)] == now
+    run("merge", out)
+    assert [one.sample_id for one in samples(out)] == sorted({*now, *NAMES})
+
+
 def test_kinds_made_one_after_another_are_one_sample(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, "a")
     run("batch", path, "-o", out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import click
@@ -68,7 +69,8 @@ def command(
     JOBS.toml says what a batch is made of; the README shows one. OUT/journal.jsonl has a line for
     each job that came to an end. Whatever stops a batch, the same command goes on where it was:
     what is done is not done again, unless its inputs, settings or outputs changed, or defocus did;
-    what failed is tried again. OUT/metadata.jsonl lists the samples when the batch has ended.
+    what failed is tried again. When the batch has ended, OUT/metadata.jsonl lists its samples;
+    those of an earlier batch that this one does not ask for stay in OUT, and out of the list.
 
     The first Ctrl-C finishes what is being rendered, the second stops at once, as SIGTERM does.
 
@@ -98,7 +100,8 @@ def command(
         plan = make_plan(jobs, out, how)
         dry_runs.tell_batch(plan, crew.count, as_json=as_json, verbose=verbose)
         return
-    carry_out(jobs, out, how, shards_size, as_json=as_json, verbose=verbose)
+    asked = {job.sample_id for job in jobs}
+    carry_out(jobs, out, how, shards_size, asked, as_json=as_json, verbose=verbose)
 
 
 def carry_out(
@@ -106,11 +109,12 @@ def carry_out(
     out: Path,
     how: How,
     shards_size: int | None,
+    asked: Collection[str] | None,
     *,
     as_json: bool,
     verbose: bool,
 ) -> None:
-    """Do jobs, and tell.
+    """Do jobs, index the samples that are ``asked`` for, all if None, and tell.
 
     Raises:
         ClickException: not all could be done.
@@ -120,7 +124,7 @@ def carry_out(
         summary = batch.carry_out(jobs, out, how, told)
     written = []
     if how.shard is None and not summary.interrupted:
-        written = aftermath.index(out, shards_size)
+        written = aftermath.index(out, shards_size, asked)
     report.say(batch_report.summary_line(summary))
     if as_json:
         record = batch_report.summary_record(summary)

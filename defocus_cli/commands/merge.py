@@ -20,7 +20,9 @@ from defocus_cli.quantities import counted
 def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.
 
-    What comes of it is what a single run would have left. No shard may be running.
+    What comes of it is what a single run would have left, and the index lists the samples of all
+    batches in OUT; 'defocus batch' without --shard, run again, those of its jobs file alone. No
+    shard may be running.
 
     \b
     Examples:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import options, report
+from defocus_cli import dataset_index, options, report
 from defocus_cli.batch_options import Crew, computed_by, crew_options, shards_size_option
 from defocus_cli.commands.batch import carry_out
 from defocus_cli.grouped import GroupedCommand
@@ -58,4 +58,6 @@ def command(
         report.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")
     how = How(crew.execute(), again=True, spread=crew.spread)
     jobs = computed_by(jobs, crew.machine)
-    carry_out(jobs, out, how, shards_size, as_json=as_json, verbose=verbose)
+    before = dataset_index.listed(out)
+    asked = None if before is None else before | {job.sample_id for job in jobs}
+    carry_out(jobs, out, how, shards_size, asked, as_json=as_json, verbose=verbose)
