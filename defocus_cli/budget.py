@@ -27,6 +27,8 @@ SHARE = 0.8
 _FOR_ARRAYS = 0.5
 # What strips take at most.
 _STRIPS_MB = 160.0
+# By which what one process takes for itself differs from what the next does.
+_SPARE_MB = 4.0
 _FLOAT = 4  # bytes
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32": 4}
 
@@ -72,9 +74,15 @@ def strips_mb(arrays_mb: float) -> float:
     return min(_STRIPS_MB, 2 * arrays_mb)
 
 
-def enough_mb(needed_mb: float) -> float:
-    """A limit with which there is so much to compute in, wherever the arrays are kept."""
-    return base_mb() + max(_STRIPS_MB + needed_mb, needed_mb / (1 - _FOR_ARRAYS))
+def enough_mb(job: Job, needed_mb: float) -> float:
+    """The least limit, above that of a job, with which there is so much to compute in."""
+    arrays, _ = _sizes(job)
+    in_memory = arrays / _FOR_ARRAYS
+    in_scratch = needed_mb + strips_mb(arrays)
+    # Rounded up, it must still be one with which the arrays lie in scratch files.
+    if capacity_mb(job.machine) < in_scratch and 1.05 * in_scratch + 20 < in_memory:
+        return base_mb() + in_scratch + _SPARE_MB
+    return base_mb() + max(in_memory, needed_mb / (1 - _FOR_ARRAYS)) + _SPARE_MB
 
 
 def capacity_mb(machine: Machine) -> float:

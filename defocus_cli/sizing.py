@@ -104,9 +104,14 @@ def too_large(job: Job, device: str, room: float, plan_of: Callable[[Job], Plan]
             return TooLarge(job.picture.color, problem, f"use {remedy}")
     machine = memory.available_mb(device)
     if device == "cpu" and machine is not None and least < machine:
-        gigabytes = math.ceil(enough_mb(least) / 102.4) / 10
-        return TooLarge(job.picture.color, problem, f"use --memory {gigabytes:.1f}GiB")
+        return TooLarge(job.picture.color, problem, f"use --memory {_size(enough_mb(job, least))}")
     return TooLarge(job.picture.color, problem, "use a smaller picture or a machine with more")
+
+
+def _size(mb: float) -> str:
+    """A size that is no less, as people write it on the command line."""
+    tens = math.ceil(mb * memory.MB / 10**7)
+    return f"{10 * tens}MB" if tens < 1000 else f"{math.ceil(tens / 10) / 10:.1f}GB"
 
 
 def _known(job: Job, device: str) -> Calibration:

@@ -210,6 +210,30 @@ def test_too_little_memory_is_refused_with_how_much_would_do(
     assert render(*args, "--memory", enough).code == 0
 
 
+@pytest.mark.parametrize("arrays", [5.0, 53.0, 160.0, 500.0, 2000.0])
+@pytest.mark.parametrize("needed", [10.0, 113.0, 415.0, 900.0])
+@pytest.mark.parametrize("limit", [300, 800, 1100])
+def test_the_limit_that_is_proposed_is_enough_and_hardly_more(
+    limit: int, needed: float, arrays: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(budget, "_sizes", lambda job: (arrays, 0.0))
+    monkeypatch.setattr(budget, "base_mb", lambda: 220.0)
+
+    def job(limit_mb: float) -> Job:
+        picture, machine = Picture("a", Path(), Path()), Machine(memory=int(limit_mb * memory.MB))
+        return Job(picture, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path()), machine)
+
+    def suffices(limit_mb: float) -> bool:
+        return budget.holding(job(limit_mb)).room_mb >= needed
+
+    if not suffices(limit):
+        enough = budget.enough_mb(job(limit), needed)
+        assert limit < enough
+        assert suffices(enough)
+        assert suffices(enough + 10), "as it is rounded up"
+        assert not any(suffices(mb) for mb in range(limit, int(0.95 * enough)))
+
+
 class Gated:
     """Which of two pictures is in at a time."""
 
