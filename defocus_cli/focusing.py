@@ -85,6 +85,20 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin(lens, size).radius_at_infinity()
 
 
+def mended(lens: Lens, depth: Depth) -> str:
+    """What would be done to a whole depth before it is rendered, in words; empty if nothing."""
+    import torch
+
+    from defocus_cli.arrays import IN_MEMORY
+    from defocus_cli.made import mended_words
+    from defocus_core.survey import mending_of
+
+    height, width = depth.metres.shape
+    radius = torch.from_numpy(radius_map(lens, depth, IN_MEMORY)[0])
+    infinity = radius_at_infinity(lens, (width, height))
+    return mended_words(mending_of(radius, radius.dtype, torch.get_num_threads(), infinity))
+
+
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
     """The signed CoC radius in px of a whole frame [H, W], float32, and its least and greatest.
 

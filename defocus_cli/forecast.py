@@ -14,6 +14,7 @@ from defocus_cli.calibration import Calibration, calibrated
 from defocus_cli.errors import UserError
 from defocus_cli.focusing import focused, radius_map
 from defocus_cli.job import RENDERED_KINDS, Job
+from defocus_cli.made import mended_words
 from defocus_cli.sizing import most_at_once, planned_work, room_on, too_large
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ class Forecast:
         seconds: of the rendering, as `render_seconds` will tell.
         peak_mb: most memory that the process, or the GPU, will hold.
         scratch_mb: that its arrays take in scratch files; 0 if they are held in memory.
+        depth_note: how its depth is read.
+        depth_mended: what would be done to it before it is rendered; empty if nothing.
     """
 
     job: Job
@@ -46,6 +49,8 @@ class Forecast:
     seconds: float
     peak_mb: float
     scratch_mb: float = 0.0
+    depth_note: str = ""
+    depth_mended: str = ""
 
 
 def forecasts(
@@ -114,7 +119,18 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
         peak += calibration.predicted_mb(planned, fit.at_once)
         peak += fit.hold * planned.cells / memory.MB
     scratch = held.arrays_mb if held.scratch else 0.0
-    return Forecast(job, (width, height), reach, read_seconds, planned, seconds, peak, scratch)
+    return Forecast(
+        job=job,
+        size=(width, height),
+        coc_px=reach,
+        read_seconds=read_seconds,
+        plan=planned,
+        seconds=seconds,
+        peak_mb=peak,
+        scratch_mb=scratch,
+        depth_note=loaded.depth.note,
+        depth_mended="" if planned is None else mended_words(planned.mending),
+    )
 
 
 def record(forecast: Forecast) -> dict[str, Any]:
@@ -125,6 +141,7 @@ def record(forecast: Forecast) -> dict[str, Any]:
         "read_seconds": forecast.read_seconds,
         "render_seconds": forecast.seconds,
         "peak_mb": forecast.peak_mb,
+        "depth_note": "; ".join(filter(None, (forecast.depth_note, forecast.depth_mended))),
     }
     if forecast.scratch_mb:
         found["scratch_mb"] = forecast.scratch_mb
@@ -146,10 +163,11 @@ def line(forecast: Forecast) -> str:
     if (plan := forecast.plan) is None:
         return f"{told}maps alone, nothing is rendered{scratch}"
     share = 100 * plan.slice_tiles_done / plan.slice_tiles
+    mended = f"; depth: {forecast.depth_mended}" if forecast.depth_mended else ""
     return (
         f"{told}{plan.slices} slices, {plan.slice_tiles_done} of {plan.slice_tiles} steps of "
         f"slice x tile ({share:.0f} %); about {duration(forecast.seconds)}, "
-        f"{forecast.peak_mb:.0f} MB{scratch}"
+        f"{forecast.peak_mb:.0f} MB{scratch}{mended}"
     )
 
 

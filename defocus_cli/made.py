@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from defocus_cli.job import RENDERED_KINDS, Job, Lens
 if TYPE_CHECKING:
     from defocus_cli.depth import Depth
     from defocus_cli.images import Color
+    from defocus_core.mending import Mending
 
 
 @dataclass(frozen=True)
@@ -64,3 +66,16 @@ class Made:
     radius: Any
     images: Mapping[str, tuple[Any, ...]]
     clamped: Mapping[str, int]
+
+
+def mended_words(mending: Mending) -> str:
+    """What was done to the depth before it was rendered; empty if nothing."""
+    done = []
+    if mending.antialiased is not None:
+        of = "disparity" if math.isinf(mending.antialiased) else "distance"
+        done.append(f"anti-aliased as averages of {of}, its edges made hard")
+    if mending.soft_edges:
+        done.append("its soft edges moved to where the colours have edges")
+    if mending.terraces:
+        done.append("of few levels, smoothed between them")
+    return "; ".join(done)

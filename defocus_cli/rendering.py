@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,12 +13,11 @@ from defocus_cli.budget import image_type
 from defocus_cli.errors import TooLarge
 from defocus_cli.focusing import radius_at_infinity, radius_map
 from defocus_cli.job import IMAGE_KINDS, Job
-from defocus_cli.made import Loaded, Made, Outcome
+from defocus_cli.made import Loaded, Made, Outcome, mended_words
 from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
     from defocus_core.hidden import Behind
-    from defocus_core.mending import Mending
     from defocus_core.stream import Rendered, Stream
 
 Progress = Callable[[int, int], None]
@@ -83,26 +81,13 @@ def rendered(
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
-        depth_mended=_mended(stream.mending),
+        depth_mended=mended_words(stream.mending),
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
         warnings=tuple(warnings),
     )
     return Made(done, loaded.color, radius, images.planes, images.clamped)
-
-
-def _mended(mending: Mending) -> str:
-    """What was done to the depth before it was rendered; empty if nothing."""
-    done = []
-    if mending.antialiased is not None:
-        of = "disparity" if math.isinf(mending.antialiased) else "distance"
-        done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    if mending.soft_edges:
-        done.append("its soft edges moved to where the colours have edges")
-    if mending.terraces:
-        done.append("of few levels, smoothed between them")
-    return "; ".join(done)
 
 
 def _stream(

@@ -215,6 +215,7 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
             "invalid_pixels": depth.invalid,
             "lens": lens_record(depth.lens) if depth.lens else None,
             "coc_px": depth.coc_px,
+            "mended": depth.mended,
         }
     return record
 
@@ -260,3 +261,5 @@ def _depth_lines(depth: DepthFound) -> Iterator[str]:
     if depth.lens is not None and depth.coc_px is not None:
         near, far = depth.coc_px
         yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_words(depth.lens)})"
+        if depth.mended:
+            yield f"  rendered: {depth.mended}"

@@ -16,6 +16,7 @@ from torch import Tensor
 from defocus_core.aperture import Aperture
 from defocus_core.copying import blurred_part
 from defocus_core.frame import Frame
+from defocus_core.mending import Mending
 from defocus_core.picture import Picture
 from defocus_core.presence import Cover, Presence
 from defocus_core.quality import find
@@ -56,6 +57,7 @@ class Plan:
         of_tiles: Those of tiles, likewise.
         bytes: By the names in `BYTES`; those of one region and of one tile are the most of any.
         cells: Bytes of the cells of a large draft, which are held if there is room for them.
+        mending: What would be mended of the depth.
     """
 
     slices: int
@@ -69,6 +71,7 @@ class Plan:
     of_tiles: dict[str, float]
     bytes: dict[str, float]
     cells: float
+    mending: Mending
 
     @property
     def loads(self) -> dict[str, float]:
@@ -184,6 +187,7 @@ def plan(
         of_tiles=_all({**_times(work.of_tiles, samples), "finished": finished}),
         bytes=held,
         cells=_bytes_of_held(picture),
+        mending=picture.mending,
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from defocus_cli import calibration
 from defocus_cli.calibration import Calibration, calibrated, keep, kept
+from defocus_core.mending import Mending
 from defocus_core.planning import BYTES, LOADS, Plan, plan
 from defocus_core.scenery import scenery
 
@@ -30,7 +31,8 @@ def planned(
     of_regions = (work if alone else nothing) | {"regions": float(busy or regions)}
     held = dict.fromkeys(BYTES, 2.0**20)
     of_tiles = nothing if alone else work
-    return Plan(3, tiles, regions, 6 * tiles, tiles, 0, nothing, of_regions, of_tiles, held, 0.0)
+    counts = (3, tiles, regions, 6 * tiles, tiles, 0)
+    return Plan(*counts, nothing, of_regions, of_tiles, held, 0.0, Mending())
 
 
 @pytest.fixture

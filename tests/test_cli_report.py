@@ -145,6 +145,10 @@ def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path: Path) -> None:
         ran = run("render", color, depth, *lens, *out, "-v", "--json")
         assert ran.code == 0
         note = "anti-aliased as averages of distance, its edges made hard"
+        dry = ("render", color, depth, *lens, *out, "--dry-run", "--overwrite")
+        for words in (dry, ("info", depth, *lens)):
+            assert (note in run(*words).out) is said
+            assert (note in run(*words, "--json").out) is said
         assert (note in ran.err) is said
         assert (note in ran.json["pictures"][0]["depth_note"]) is said
         for kind in ("render", "coc"):  # maps show the depth as it is given
