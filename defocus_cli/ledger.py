@@ -44,6 +44,8 @@ class Ledger:
 
     def replaced(self, job: Job) -> list[Record]:
         """The records of what was made of which a job replaces some files and not all."""
+        if not self.knows(job):
+            return []
         every = replace(job.outputs, kinds=KINDS, preview=True).names(job.sample_id)
         own = set(job.names.values())
         others = {id(record): record for name in every.values() if (record := self._last.get(name))}
