@@ -58,36 +58,15 @@ def share_in_frame(
     Returns:
         [M, 1, h, w] in [0.01, 1].
     """
-    share = signed_radius.new_ones(len(parts), *signed_radius.shape)
-    met = torch.zeros(2, *signed_radius.shape, dtype=torch.bool, device=share.device)
-    for border in _borders(size, farthest):
-        strip = border.strip.grown(0, box)
-        if min(strip[2:]) <= 0:
-            continue
-        here, side = strip.seen_from(box), strip.sides[border.dim]
-        r = here.of(signed_radius)
-        away = torch.arange(side.first, side.end, device=r.device).to(r) + (0.5 - border.at)
-        away = away[:, None] if border.dim == 0 else away
-        past = r.detach().abs() > away.abs().clamp(min=_FROM)
-        weight = _weight(r) * past
-        u = (away / torch.where(past, r, 1.0)).clamp(-1, 1)
-        above = (r > 0) != border.last
-        for m, part in enumerate(parts):
-            below = _below(aperture, part, border.dim, u)
-            here.of(share[m]).sub_(torch.where(above, 1 - below, below) * weight)
-        here.of(met[border.dim]).logical_or_(past)
-    row, column = torch.nonzero(met[0] & met[1]).unbind(1)
-    if len(row):
-        r = signed_radius[row, column]
-        weight = _weight(r)
-        down, across = (
-            (torch.stack([at, at - length], -1) / r[:, None]).sort(-1).values.clamp(-1, 1)
-            for at, length in zip((row + box.top + 0.5, column + box.left + 0.5), size, strict=True)
-        )
-        within = [area_within(aperture, part, across, down).to(r.dtype) for part in parts]
-        found = 1 - weight * (1 - torch.stack(within))
-        index = row * box.width + column
-        share = share.flatten(1).index_copy(1, index, found)
+    share, at_corners = _beside_borders(
+        signed_radius, box, _borders(size, farthest), aperture, parts
+    )
+    index = torch.nonzero(at_corners.flatten())[:, 0]
+    if len(index):
+        row = index.div(box.width, rounding_mode="floor")
+        at = (row + box.top + 0.5, index - row * box.width + box.left + 0.5)
+        r = signed_radius.flatten()[index]
+        share = share.flatten(1).index_copy(1, index, _at_corners(r, at, size, aperture, parts))
     return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
 
 
@@ -116,6 +95,47 @@ def _borders(size: tuple[int, int], farthest: int) -> list[_Border]:
         _Border(1, 0, False, Box(0, 0, H, min(deep, W))),
         _Border(1, W, True, Box(0, max(W - deep, 0), H, min(deep, W))),
     ]
+
+
+def _beside_borders(
+    signed_radius: Tensor, box: Box, borders: list[_Border], aperture: Aperture, parts: list[Part]
+) -> tuple[Tensor, Tensor]:
+    """The share [M, h, w] where light passes borders of one direction, and where of both [h, w]."""
+    share = signed_radius.new_ones(len(parts), *signed_radius.shape)
+    met = torch.zeros(2, *signed_radius.shape, dtype=torch.bool, device=share.device)
+    for border in borders:
+        strip = border.strip.grown(0, box)
+        if min(strip[2:]) <= 0:
+            continue
+        here, side = strip.seen_from(box), strip.sides[border.dim]
+        r = here.of(signed_radius)
+        away = torch.arange(side.first, side.end, device=r.device).to(r) + (0.5 - border.at)
+        away = away[:, None] if border.dim == 0 else away
+        past = r.detach().abs() > away.abs().clamp(min=_FROM)
+        weight = _weight(r) * past
+        u = (away / torch.where(past, r, 1.0)).clamp(-1, 1)
+        above = (r > 0) != border.last
+        for m, part in enumerate(parts):
+            below = _below(aperture, part, border.dim, u)
+            here.of(share[m]).sub_(torch.where(above, 1 - below, below) * weight)
+        here.of(met[border.dim]).logical_or_(past)
+    return share, met[0] & met[1]
+
+
+def _at_corners(
+    r: Tensor,
+    at: tuple[Tensor, Tensor],
+    size: tuple[int, int],
+    aperture: Aperture,
+    parts: list[Part],
+) -> Tensor:
+    """The share [M, n] of pixels of n radii in px, at rows and columns counted from the corner."""
+    down, across = (
+        (torch.stack([place, place - length], -1) / r[:, None]).sort(-1).values.clamp(-1, 1)
+        for place, length in zip(at, size, strict=True)
+    )
+    within = [area_within(aperture, part, across, down).to(r.dtype) for part in parts]
+    return 1 - _weight(r) * (1 - torch.stack(within))
 
 
 def _weight(r: Tensor) -> Tensor:

@@ -99,33 +99,36 @@ def draw(
 
 def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
     """Those that reach a box, where none spreads by more than `most` px: the widest first."""
-    radii, at = highlights.signed_radius, highlights.at
-    kind = torch.arange(len(radii), device=radii.device)  # [n] of the U radii
-    if not radii.requires_grad:  # many lights are equally far away
-        radii, kind = torch.unique(radii, return_inverse=True)
-    spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
-    corner = at.new_tensor([box.top, box.left])
-    last = corner + at.new_tensor([box.height - 1, box.width - 1])
-    away = torch.maximum(corner - at, at - last).amax(1)
-    wide = spread.argsort(descending=True, stable=True)  # [U]
-    number = wide.argsort()[kind]  # [n], of each light's radius among these
-    order = number.argsort(stable=True)  # [n] lights
-    order = order[(away <= spread[kind])[order]]
-    number = number[order]
-    starts = [0, *torch.bincount(number, minlength=len(radii)).cumsum(0).tolist()]
-    spreads = spread[wide].tolist()
+    everything, spreads = _widest_first(highlights, most, box)
+    counts = torch.bincount(everything.which, minlength=len(spreads))
+    ends = [0, *counts.cumsum(0).tolist()]  # where the lights of each radius begin and end
     first = 0
     while first < len(spreads):
         extent = spreads[first]
-        end = first + max(1, _SAMPLES // (2 * extent + 1) ** 2)
-        alike = [s for s in spreads[first:end] if _AS_WIDE * s >= extent]
-        end = first + len(alike)
-        some = order[starts[first] : starts[end]]
-        if len(some):
-            chosen = Highlights(*(values[some] for values in highlights))
-            which = number[starts[first] : starts[end]] - first
-            yield _Alike(chosen, radii[wide[first:end]], which, extent)
+        few = max(1, _SAMPLES // (2 * extent + 1) ** 2)
+        end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + few])
+        some = everything.some(ends[first], ends[end])
+        if len(some.which):
+            yield _Alike(some.highlights, everything.radii[first:end], some.which - first, extent)
         first = end
+
+
+def _widest_first(highlights: Highlights, most: int, box: Box) -> tuple[_Alike, list[int]]:
+    """All highlights that reach a box, and the px [U] that those of each radius spread."""
+    radii, at = highlights.signed_radius, highlights.at
+    which = torch.arange(len(radii), device=radii.device)
+    if not radii.requires_grad:  # many lights are equally far away
+        radii, which = torch.unique(radii, return_inverse=True)
+    spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
+    wide = spread.argsort(descending=True, stable=True)
+    radii, spread, which = radii[wide], spread[wide], wide.argsort()[which]
+    corner = at.new_tensor([box.top, box.left])
+    last = corner + at.new_tensor([box.height - 1, box.width - 1])
+    away = torch.maximum(corner - at, at - last).amax(1)
+    order = which.argsort(stable=True)
+    order = order[(away <= spread[which])[order]]
+    some = Highlights(*(values[order] for values in highlights))
+    return _Alike(some, radii, which[order], most), spread.tolist()
 
 
 class _Rim:

@@ -130,8 +130,7 @@ class Obstruction:
 
     def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
         """Rungs [k] that stand before any of some lights, and these."""
-        nearest = torch.full_like(radius, _BEFORE[0])
-        limit = radius - torch.maximum(nearest, _BEFORE[1] * radius.abs())
+        limit = nearer_than(radius)
         radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
         before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
         rungs = torch.nonzero(before.any(0))[:, 0]
@@ -185,6 +184,11 @@ class Obstruction:
             share = (1 - (self._places.flatten()[spot] - rung).abs()).clamp(min=0)
             stopped.index_add_(0, here, near * share)
         return stopped.clamp(max=1)
+
+
+def nearer_than(radius: Tensor) -> Tensor:
+    """Px [n] of radius below which a surface stands before lights of radii [n] px."""
+    return radius - (_BEFORE[1] * radius.abs()).clamp(min=_BEFORE[0])
 
 
 def _pixel(place: Tensor, length: int) -> Tensor:

@@ -17,6 +17,7 @@ from defocus_core.aperture import Aperture
 from defocus_core.copying import blurred_part
 from defocus_core.frame import Frame
 from defocus_core.mending import Mending
+from defocus_core.obstruction import nearer_than
 from defocus_core.picture import Picture
 from defocus_core.presence import Cover, Presence
 from defocus_core.quality import find
@@ -217,7 +218,7 @@ def _lights(
     if not len(at):
         return 0.0, 0.0, 0.0
     spread = (r.abs() - 0.5).ceil().clamp(0, max(frame.size))
-    nearer = r.new_tensor(frame.radii) < r[:, None] - 1.5
+    nearer = r.new_tensor(frame.radii) < nearer_than(r)[:, None]
     stopped = (nearer * r.new_tensor(visible.shares)).sum(1).clamp(max=1)
     terms = image.shape[0] * len(frame.parts)
     samples = 12 * (spread + 1) * terms + (2 * spread + 1) ** 2 * stopped * (terms + 1)

@@ -54,8 +54,11 @@ def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[tuple[float
     whole, tail = centroid(aperture, LEFT)[0], _tail(aperture)
     found = []
     for r in radii:
-        x, _, cube = _moments(r, aperture, LEFT) if abs(r) < NEAR else (0.0, 0.0, 0.0)
-        found.append((x / whole, cube / whole) if abs(r) < NEAR else (r, tail * r**3))
+        if abs(r) < NEAR:
+            x, _, cube = _moments(r, aperture, LEFT)
+            found.append((x / whole, cube / whole))
+        else:
+            found.append((r, tail * r**3))
     return tuple(found)
 
 
