@@ -4,7 +4,7 @@ The aperture sees a far surface behind an edge until its radius, less the distan
 of the near one: the greatest of r_far - |q - far| over all edges says how far anything shows (a
 dilation by a cone). But what shows is what comes next. Behind a wire before a sign this is the
 sign, even where the sky beside the sign would reach; so the closest edge is told, too, and where
-it is much closer than that of the farthest surface, its surface is continued.
+it is much closer than that of the farthest surface, its surface is continued, if it is the sharper.
 """
 
 from __future__ import annotations
@@ -91,7 +91,9 @@ class Reach(NamedTuple):
         away, radius = self._told(self.closest, cells, middle, halvings)
         spent, next_one = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
         much_closer = _CLOSER * spent + _MARGIN < source - shown
-        comes_next = (next_one - spent > near + STEP) & (source > next_one + STEP) & much_closer
+        told_apart = (next_one - spent > near + STEP) & (source > next_one + STEP)
+        # what is blurred more hardly shows that a part of it is missing
+        comes_next = told_apart & much_closer & (next_one.abs() <= source.abs())
         return Revealed(
             torch.where(comes_next, next_one - spent, shown),
             torch.where(comes_next, next_one, source),
