@@ -3,8 +3,8 @@
 The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
 of the near one: the greatest of r_far - |q - far| over all edges says how far anything shows (a
 dilation by a cone). But what shows is what comes next. Behind a wire before a sign this is the
-sign, even where the sky beside the sign would reach; so the closest edge is told, too, and where
-it is much closer than that of the farthest surface, its surface is continued, if it is the sharper.
+sign, even where the sky beside the sign would reach; so the closest edge is told, too, and its
+surface is continued if it is the sharper one.
 """
 
 from __future__ import annotations
@@ -23,9 +23,6 @@ from defocus_core.tiling import Box
 STEP = 0.51
 # Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
 DECAY = 0.70710678
-# An edge is much closer than another if this many times its distance, and so many px of reach more,
-# are less than that of the other.
-_CLOSER, _MARGIN = 2.0, 2.0
 # Where between the radii of the surface that is continued and of the farthest one the ceiling is.
 _CEILING = 0.5
 # Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
@@ -90,10 +87,9 @@ class Reach(NamedTuple):
         shown, source = cone.to(near.dtype) * self.grain, far.to(near.dtype) * self.grain
         away, radius = self._told(self.closest, cells, middle, halvings)
         spent, next_one = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
-        much_closer = _CLOSER * spent + _MARGIN < source - shown
-        told_apart = (next_one - spent > near + STEP) & (source > next_one + STEP)
+        comes_next = (next_one - spent > near + STEP) & (source > next_one + STEP)
         # what is blurred more hardly shows that a part of it is missing
-        comes_next = told_apart & much_closer & (next_one.abs() <= source.abs())
+        comes_next = comes_next & (next_one.abs() <= source.abs())
         return Revealed(
             torch.where(comes_next, next_one - spent, shown),
             torch.where(comes_next, next_one, source),
