@@ -157,27 +157,23 @@ def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: boo
     return image if signed else image.clamp_(min=0)
 
 
-def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool, peaks: Tensor) -> Tensor:
+def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:
     """Left and right images [2, C, h, w] whose mean is the centre, from halves composited alone.
 
     Occlusion within a half differs from that within the whole, so their mean is near the centre
-    but not equal. Where light is positive their ratio is kept, else their difference, as far as
-    neither is brighter than the scene.
+    but not equal. Where light is positive their ratio is kept, else their difference.
 
     Args:
         centre: [C, h, w].
         left: As composited, [C, h, w].
         right: The same.
         signed: Whether pixels of the picture are negative (colours outside the gamut).
-        peaks: [C], the greatest of the scene.
     """
     if signed:
         difference = (left - right) / 2
-    else:
-        left, right = left.clamp(min=0), right.clamp(min=0)  # transforms leave ±1e-8
-        total = left + right
-        some = total > 0
-        difference = centre * torch.where(some, (left - right) / torch.where(some, total, 1.0), 0.0)
-    most = (peaks[:, None, None] - centre).clamp(min=0)
-    difference = torch.where(difference.abs() > most, difference.sign() * most, difference)
-    return torch.stack([centre + difference, centre - difference])
+        return torch.stack([centre + difference, centre - difference])
+    left, right = left.clamp(min=0), right.clamp(min=0)  # transforms leave ±1e-8
+    total = left + right
+    some = total > 0
+    share = torch.where(some, left / torch.where(some, total, 1.0), 0.5)
+    return 2 * centre * torch.stack([share, 1 - share])

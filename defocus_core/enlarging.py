@@ -19,7 +19,7 @@ from defocus_core.detail import AROUND, Given, share_left, smooth, with_detail
 from defocus_core.frame import Frame
 from defocus_core.half_size import HalfSize, half_size, means
 from defocus_core.recomputed import recomputed
-from defocus_core.source import Pixels, banded
+from defocus_core.source import Pixels
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
@@ -57,7 +57,6 @@ class Enlarging:
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * frame.limit if frame.limit > 0 else -1.0
         self._of_px = (pixels, signed_radius)
-        self._peaks = torch.stack([band.detach().amax((1, 2)) for band in banded(pixels)]).amax(0)
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * share_left(radius)[None]])
@@ -100,12 +99,10 @@ class Enlarging:
         px = (self._px(wide).of(x).to(images.dtype) for x in self._of_px)
         given = Given(own[:-1], own[-1] / self._unit, *px)
         images = with_detail(images[:, :-1], images[:, -1] / self._unit, given, part)
-        peaks = self._peaks.to(images)
-        images = torch.minimum(images, peaks[:, None, None])
         if not self._frame.signed:
             images = images.clamp(min=0)
         if len(images) > 1:
-            pair = pair_of(*images, signed=self._frame.signed, peaks=peaks)
+            pair = pair_of(*images, signed=self._frame.signed)
             images = torch.cat([images[:1], pair])
         box = self._px(tile)
         inner = box.seen_from(self._px(wide))

@@ -63,7 +63,6 @@ class Frame:
         weights: The share of the aperture that each part is.
         left_right: Whether left and right are wanted.
         signed: Whether pixels are negative (colours outside the gamut).
-        peaks: Greatest value of each channel.
         dtype: To compute in.
         limit: What exceeds this is a highlight.
         radii: Of the slices in px.
@@ -91,7 +90,6 @@ class Frame:
     weights: list[float]
     left_right: bool
     signed: bool
-    peaks: tuple[float, ...]
     dtype: torch.dtype
     limit: float
     radii: tuple[float, ...]
@@ -209,7 +207,6 @@ def frame_of(
         weights=[part_area(aperture, part) for part in cells],
         left_right=left_right,
         signed=seen.darkest < 0,
-        peaks=seen.peaks,
         dtype=dtype,
         limit=limit,
         radii=radii,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -90,8 +89,7 @@ class Picture:
         cells, radii = made(means, image), made(radii_in_cells, of_px, image)
         frame = looked_at(cells, radii, infinity=None if infinity is None else infinity / 2)
         ramps = frame.mending.ramps and not self.mending.has_edges
-        peaks = (*frame.peaks, math.inf)  # of what stands for detail, too
-        self.frame = replace(frame, mending=Mending(ramps=ramps), peaks=peaks)
+        self.frame = replace(frame, mending=Mending(ramps=ramps))
         self._enlarging = Enlarging(self.frame, cells, image, of_px, threads=threads)
         self.image, self.signed_radius = self._enlarging.cells, radii
 

@@ -166,8 +166,7 @@ class Region:
         cut = sum(1 for part in frame.parts[first:] if part.x1 <= 0)
         left = picture(both[:cut], frame.weights[first : first + cut])
         right = picture(both[cut:], frame.weights[first + cut :])
-        peaks = centre.new_tensor(frame.peaks)
-        pair = pair_of(centre, left, right, signed=frame.signed, peaks=peaks)
+        pair = pair_of(centre, left, right, signed=frame.signed)
         return torch.cat([centre[None], pair]), trust
 
     def _trust(self, covered: Tensor, invented: Tensor | None, index: int) -> Tensor:

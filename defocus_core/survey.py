@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -51,7 +50,7 @@ class Survey(NamedTuple):
         steepest: Greatest differences of radius between neighbours in px: down, across.
         mending: What depth needs.
         darkest: Least value of all channels.
-        peaks: Greatest value of each channel.
+        brightest: Greatest value of all channels.
         brightness: Of all pixels.
         lit: Brightness of some pixels, evenly spread.
         black: How many of these are not positive.
@@ -62,15 +61,10 @@ class Survey(NamedTuple):
     steepest: tuple[float, float]
     mending: Mending
     darkest: float
-    peaks: tuple[float, ...]
+    brightest: float
     brightness: Ranks
     lit: Ranks
     black: int
-
-    @property
-    def brightest(self) -> float:
-        """Greatest value of all channels."""
-        return max(self.peaks)
 
 
 def survey(
@@ -95,13 +89,13 @@ def survey(
     H, W = signed_radius.shape
 
     def looked_at(rows: tuple[int, int]) -> tuple[_Depth, Tensor, list[Tensor]]:
-        """What a band tells, its least value and the greatest of channels, counts that add up."""
+        """What a band tells, its least and greatest value, and counts that add up."""
         some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         brightness = some.amax(0)
         few = _few(brightness, rows[0])
         counts = [counted(brightness), counted(few), (few <= 0).sum()]
         depth = _depth_of(signed_radius, rows, dtype, infinity)
-        return depth, torch.cat([some.amin()[None], some.amax((1, 2))]), counts
+        return depth, torch.stack(torch.aminmax(some)), counts
 
     told: list[_Depth] = []
     values: list[Tensor] = []
@@ -112,11 +106,10 @@ def survey(
         total = [a + b for a, b in zip(total, counts, strict=True)] if total else counts
     brightness, lit, black = total
     least, most, down, across = torch.stack([depth.ends for depth in told]).unbind(1)
-    seen = torch.stack(values)
-    darkest, peaks = float(seen[:, 0].amin()), seen[:, 1:].amax(0).tolist()
-    ends = torch.stack([least.amin(), most.amax()]).tolist()
-    for name, found in (("signed_radius", ends), ("image", [darkest, *peaks])):
-        if not all(map(math.isfinite, found)):
+    darkest, brightest = torch.stack(values).unbind(1)
+    ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
+    for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
+        if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
 
     def brightness_again() -> Iterator[Tensor]:
@@ -126,12 +119,12 @@ def survey(
         return map(_few, brightness_again(), (first for first, _ in bands(H, W)))
 
     return Survey(
-        least=ends[0],
-        most=ends[1],
+        least=float(ends[0]),
+        most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
         mending=_mending(signed_radius, told, infinity),
-        darkest=darkest,
-        peaks=tuple(peaks),
+        darkest=float(ends[2]),
+        brightest=float(ends[3]),
         brightness=Ranks(brightness, brightness_again, dtype),
         lit=Ranks(lit, lit_again, dtype),
         black=int(black),
