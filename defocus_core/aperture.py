@@ -200,15 +200,15 @@ def _halving_cut(aperture: Aperture, cell: Part, lower: str, upper: str) -> floa
 @lru_cache(maxsize=4096)
 def _part_area(aperture: Aperture, part: Part) -> float:
     """Area of the part in units of the lens radius squared."""
-    x = torch.tensor([part.x0, part.x1], dtype=torch.float64)
-    y = torch.tensor([part.y0, part.y1], dtype=torch.float64)
+    x = torch.tensor([part.x0, part.x1], dtype=torch.float64, device="cpu")
+    y = torch.tensor([part.y0, part.y1], dtype=torch.float64, device="cpu")
     return float(_areas(aperture, x.clamp(-1, 1), y.clamp(-1, 1)))
 
 
 @lru_cache(maxsize=256)
 def _weight(aperture: Aperture, part: Part) -> float:
     """Area of the part times the profile, in units of the lens radius squared."""
-    u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64)
+    u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64, device="cpu")
     u = u / _WEIGHING_RADIUS
     shares = areas(
         aperture.blades, aperture.rotation, u.clamp(part.x0, part.x1), u.clamp(part.y0, part.y1)

@@ -64,8 +64,9 @@ def share_in_frame(
     index = torch.nonzero(at_corners.flatten())[:, 0]
     if len(index):
         row = index.div(box.width, rounding_mode="floor")
-        at = (row + box.top + 0.5, index - row * box.width + box.left + 0.5)
         r = signed_radius.flatten()[index]
+        column = index - row * box.width
+        at = (row.to(r) + (box.top + 0.5), column.to(r) + (box.left + 0.5))
         share = share.flatten(1).index_copy(1, index, _at_corners(r, at, size, aperture, parts))
     return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
 

@@ -254,7 +254,7 @@ def _grouped(asked: Asked, middle: tuple[Axis, Axis], side: int) -> _Groups:
     border, ceiling = (blank.scatter_reduce(0, of, x, "amax") for x in asked[1:])
     row = cell.div(counts[1], rounding_mode="floor")
     places = [
-        (number + first) * side + axis.middle + (0.0 if axis.odd else (side - 1) / 2)
+        ((number + first) * side + axis.middle).float() + (0.0 if axis.odd else (side - 1) / 2)
         for number, first, axis in zip((row, cell - row * counts[1]), firsts, middle, strict=True)
     ]
     return _Groups(Asked(torch.stack(places, 1), border, ceiling), of)
@@ -268,4 +268,4 @@ def _border(near: Tensor, far: Tensor, shown: Tensor) -> Tensor:
     a little above the near radius would take its far end for what is hidden.
     """
     lasting = shown - near > (far - near) / 2
-    return near + (far - near) * torch.where(lasting, _BETWEEN, _NEARER)
+    return near + (far - near) * torch.where(lasting, _BETWEEN, _NEARER).to(near)

@@ -155,15 +155,18 @@ class RandomDefocus(torch.nn.Module):
         sides: tuple[Tensor | None, Tensor | None] = (None, None)
         if self.left_right:
             sides = _stacked([one.left for one in done]), _stacked([one.right for one in done])
-        drawn = [torch.tensor(values, dtype=torch.float64) for values in zip(*lenses, strict=True)]
+        drawn = [
+            torch.tensor(values, dtype=torch.float64, device="cpu")
+            for values in zip(*lenses, strict=True)
+        ]
         return RandomlyDefocused(
             torch.stack([one.render for one in done]), *sides, torch.stack(radii)[:, None], *drawn
         )
 
     def _draw(self, depth: Tensor, seed: int) -> _Lens:
         """The lens of a seed, for a depth map [H, W]."""
-        generator = torch.Generator().manual_seed(seed)
-        shares = torch.rand(5, generator=generator, dtype=torch.float64).tolist()
+        generator = torch.Generator("cpu").manual_seed(seed)
+        shares = torch.rand(5, generator=generator, dtype=torch.float64, device="cpu").tolist()
         foclen = _logarithmic(self.foclen, shares[0])
         fnum = _logarithmic(self.fnum, shares[1])
         low, high = self.focus_percentile

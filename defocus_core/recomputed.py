@@ -9,6 +9,8 @@ from typing import TypeVar, cast
 import torch
 from torch.utils.checkpoint import checkpoint
 
+from defocus_core.modes import own_modes
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -21,8 +23,12 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
     if not torch.is_grad_enabled():
         return work
 
+    def worked(piece: T) -> R:
+        with own_modes():  # a backward pass comes in others, but for autocast
+            return work(piece)
+
     def again(piece: T) -> R:
-        result = checkpoint(work, piece, use_reentrant=False, preserve_rng_state=False)
+        result = checkpoint(worked, piece, use_reentrant=False, preserve_rng_state=False)
         return cast(R, result)
 
     return again

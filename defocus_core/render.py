@@ -14,6 +14,7 @@ from torch import Tensor
 from defocus_core.aperture import Aperture
 from defocus_core.assembly import assembled
 from defocus_core.hidden import Behind, HiddenLayer
+from defocus_core.modes import own_modes
 from defocus_core.picture import Picture
 from defocus_core.quality import find
 from defocus_core.tiling import BLOCK
@@ -105,21 +106,22 @@ def render(
     done, trusts = [], []
     stats: dict[str, int] = {}
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        picture = Picture(
-            pixels,
-            radius,
-            aperture=aperture or Aperture(),
-            quality=settings,
-            left_right=left_right,
-            num_layers=num_layers,
-            psf_ks=psf_ks,
-            hidden=known,
-            threads=threads,
-            tile=tile,
-            infinity=infinity,
-        )
-        parts = picture.parts(progress=progress)
-        images, trust, counts = assembled(picture.frame, pixels, parts)
+        with own_modes(pixels.device):
+            picture = Picture(
+                pixels,
+                radius,
+                aperture=aperture or Aperture(),
+                quality=settings,
+                left_right=left_right,
+                num_layers=num_layers,
+                psf_ks=psf_ks,
+                hidden=known,
+                threads=threads,
+                tile=tile,
+                infinity=infinity,
+            )
+            parts = picture.parts(progress=progress)
+            images, trust, counts = assembled(picture.frame, pixels, parts)
         done.append(images)
         trusts.append(trust[0])
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}

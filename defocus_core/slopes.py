@@ -94,7 +94,7 @@ def _many_around(mask: Tensor) -> Tensor:
         area.append((place + _AROUND).clamp(max=n - 1) - (place - _AROUND).clamp(min=0) + 1)
         around = [_AROUND, _AROUND] if dim else [0, 0, _AROUND, _AROUND]
         count = _sums_of(pad(count, around), size, dim)
-    least = (_AREA * (area[0][:, None] * area[1])).floor()
+    least = (_AREA * (area[0][:, None] * area[1]).float()).floor()
     return count > least.to(torch.uint8)
 
 

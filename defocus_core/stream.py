@@ -16,6 +16,7 @@ from defocus_core.assembly import total
 from defocus_core.frame import Frame
 from defocus_core.hidden import Behind
 from defocus_core.mending import Mending
+from defocus_core.modes import own_modes
 from defocus_core.picture import Picture
 from defocus_core.quality import find
 from defocus_core.source import Pixels
@@ -92,7 +93,8 @@ class Stream:
             )
         self._dtype, self._progress = torch.promote_types(image.dtype, torch.float32), progress
         self._counts: list[dict[str, int]] = []
-        with torch.no_grad():
+        self._device = image.device
+        with torch.no_grad(), own_modes(image.device):
             self._picture = Picture(
                 image,
                 signed_radius,
@@ -119,7 +121,7 @@ class Stream:
         with torch.no_grad():
             parts = self._picture.parts(at_once=at_once, progress=self._progress)
         while True:
-            with torch.no_grad():
+            with torch.no_grad(), own_modes(self._device):
                 part = next(parts, None)
                 if part is None:
                     return

@@ -112,7 +112,7 @@ def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     coherence = ((square + _HARDLY**2).sqrt() - _HARDLY) / ((1 + _HARDLY**2) ** 0.5 - _HARDLY)
     half = (cosine / torch.where(square > 0, square, 1.0).sqrt()).detach()
     y = ((1 + half) / 2).clamp(min=0).sqrt()
-    x = ((1 - half) / 2).clamp(min=0).sqrt() * torch.where(sine > 0, -1.0, 1.0)
+    x = ((1 - half) / 2).clamp(min=0).sqrt() * torch.where(sine > 0, -1.0, 1.0).to(sine)
     return torch.stack([y, x], 1), coherence
 
 

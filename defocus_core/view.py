@@ -37,7 +37,7 @@ class View(NamedTuple):
         found = [
             (at[:, d] - here.middle) * step + there.middle
             if here.odd
-            else (at[:, d] - here.middle) * step + there.middle + (step - 1) / 2
+            else ((at[:, d] - here.middle) * step + there.middle).float() + (step - 1) / 2
             for d, (here, there) in enumerate(zip(self.middle, self.fine, strict=True))
         ]
         return torch.stack(found, 1)

@@ -1,0 +1,24 @@
+"""The renderer's own modes of torch: those of the caller are no part of what is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import torch
+
+
+@contextmanager
+def own_modes(device: torch.device | None = None) -> Iterator[None]:
+    """No autocast, on the CPU and a device; and what names no device is made on the CPU.
+
+    Autocast would round to 8 or 11 bits, in the thread that it is switched on in alone.
+    """
+    kinds = {"cpu", device.type if device else "cpu"}
+    with ExitStack() as modes:
+        for kind in kinds:
+            if torch.amp.is_autocast_available(kind):
+                modes.enter_context(torch.autocast(kind, enabled=False))
+        if torch.get_default_device().type != "cpu":
+            modes.enter_context(torch.device("cpu"))
+        yield
