@@ -15,9 +15,11 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
+from defocus_core.guards import number, whole
 from defocus_core.outline import areas
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
+_MOST_BLADES = 10_000
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,16 @@ class Aperture:
     psf_type: str = "pillbox"
 
     def __post_init__(self) -> None:
-        if self.blades != 0 and self.blades < 3:
+        blades = whole("blades", self.blades, "write 0 for a round aperture", least=0)
+        if blades in (1, 2):
             raise ValueError(
-                f"blades must be 0 or at least 3, got {self.blades}; write 0 for a round aperture"
+                f"blades must be 0 or at least 3, got {blades}; write 0 for a round aperture"
             )
-        if not math.isfinite(self.rotation):
+        if blades > _MOST_BLADES:
+            raise ValueError(
+                f"blades must be {_MOST_BLADES} at most, got {blades}; write 0 for a round aperture"
+            )
+        if not math.isfinite(number("rotation", self.rotation, "it is an angle in degrees")):
             raise ValueError(
                 f"rotation must be a finite angle in degrees, got {self.rotation}; "
                 "write 0 for a vertex at +x"

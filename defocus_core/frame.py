@@ -19,8 +19,8 @@ from defocus_core.survey import Survey, survey
 from defocus_core.tiling import Box, Grid, grid_over, largest, regions
 from defocus_core.windows import Spread, Window, alike, spreads_of, windows
 
-# Brightness over the median beyond which float32 is not enough.
-_RANGE = 1e3
+# Brightness over the median, and by itself, beyond which float32 is not enough.
+_RANGE, _SQUARED = 1e3, 1e15
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
 _NEIGHBOURHOOD = 24
 
@@ -260,13 +260,16 @@ def _with_hidden(hidden: Behind, least: float, most: float) -> tuple[float, floa
 def _needs_double(seen: Survey, limit: float) -> bool:
     """Whether the rounding of float32 transforms, 1e-7 of the brightest, would show in the dark.
 
-    What is brighter than the limit does not count: it is not transformed.
+    What is brighter than the limit does not count: it is not transformed. Or whether squares of
+    colours would be infinite.
     """
+    bright = min(seen.brightest, limit)
+    if max(bright, -seen.darkest) > _SQUARED:
+        return True
     lit = seen.lit.total - seen.black
     if not lit:
         return False
     median = seen.black + (lit + 1) // 2
-    bright = min(seen.brightest, limit)
     low, high = seen.lit.about(median)
     if bright <= _RANGE * low or bright > _RANGE * high:
         return bright > _RANGE * high

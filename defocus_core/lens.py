@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
+from defocus_core.guards import described, is_picture, number, whole
 from defocus_core.render import render
 from defocus_core.thin_lens import Scalar, ThinLens
 
@@ -166,6 +167,7 @@ class DefocusLens(ThinLens):
         return rendering.left, rendering.right
 
     def _radii(self, points: Tensor) -> Tensor:
+        points = self._tensor("points", points)
         if points.ndim not in (1, 2) or points.shape[-1] != 3:
             raise ValueError(
                 f"points must be [N, 3] or [3] (x, y, z), got {list(points.shape)}; "
@@ -174,17 +176,20 @@ class DefocusLens(ThinLens):
         return self.signed_coc(points[..., 2]) / (2 * self.pixel_size)
 
     def _axis_point(self, depth: Scalar | None) -> Tensor:
-        z = self._tensor(self.obj_depth if depth is None else depth)
+        z = self._tensor("depth", self.obj_depth if depth is None else depth)
+        number("depth", z, "one map is of one depth in mm")
+        z = z.reshape(())
         return torch.stack([torch.zeros_like(z), torch.zeros_like(z), z])
 
     def _image_radius(self, image: Tensor, depth: Tensor) -> Tensor:
         """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
-        if image.ndim != 4 or not image.is_floating_point():
+        if not is_picture(image, 4):
             raise ValueError(
-                f"the image must be floating point [B, C, H, W], got {image.dtype} "
-                f"{list(image.shape)}; one image is image[None]"
+                f"the image must be a floating-point tensor [B, C, H, W], got {described(image)}; "
+                "one image is image[None]"
             )
         batch, _, height, width = image.shape
+        depth = self._tensor("depth", depth)
         planes = depth[:, None] if depth.ndim == 3 else depth
         if planes.shape != (batch, 1, height, width):
             raise ValueError(
@@ -201,10 +206,7 @@ class DefocusLens(ThinLens):
 
 def _fitted(radius: Tensor, ks: int, aperture: Aperture, part: Part) -> Tensor:
     """The kernel of each radius, refused where it would be cut off."""
-    if ks < 1 or ks != int(ks):
-        raise ValueError(
-            f"ks must be a whole number of px, at least 1, got {ks}; the default is 64"
-        )
+    ks = whole("ks", ks, "it is in px, 64 by default")
     diameters = 2 * radius.detach().abs()
     if bool((diameters > ks * (1 + 1e-6)).any()):  # what rounding adds is no reason to refuse
         widest = diameters.max()
@@ -221,7 +223,11 @@ def _three(psf: Tensor) -> Tensor:
 
 def _checked(grid: tuple[int, int]) -> tuple[int, int]:
     """A grid of at least one row and one column."""
-    rows, columns = grid
-    if rows < 1 or columns < 1:
-        raise ValueError(f"grid must be (rows, columns) of at least 1 each, got {grid}")
-    return rows, columns
+    try:
+        rows, columns = grid
+        return whole("rows", rows, ""), whole("columns", columns, "")
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"grid must be (rows, columns), whole numbers of at least 1 each, got {grid}; "
+            "it is (5, 5) by default"
+        ) from None

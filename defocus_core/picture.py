@@ -12,6 +12,7 @@ from defocus_core.aperture import Aperture
 from defocus_core.assembly import Finished, finished
 from defocus_core.enlarging import Enlarging
 from defocus_core.frame import frame_of
+from defocus_core.guards import described, number, whole
 from defocus_core.half_size import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.hidden import Behind
 from defocus_core.mending import Mending
@@ -19,6 +20,7 @@ from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import mending_of
+from defocus_core.tiling import BLOCK
 
 
 class Picture:
@@ -55,8 +57,18 @@ class Picture:
         its cells; else they are made again wherever they are looked at.
 
         Raises:
-            ValueError: If a value is not finite, or a CoC does not fit psf_ks.
+            ValueError: If a value is not finite, an option is out of its range, or a CoC does not
+                fit psf_ks.
         """
+        threads = whole("threads", threads, "it is how many tiles are computed at once")
+        num_layers = _count("num_layers", num_layers)
+        psf_ks = _count("psf_ks", psf_ks)
+        tile = _count("tile", tile, least=BLOCK)
+        infinity = _finite(infinity)
+        if not isinstance(aperture, Aperture):
+            raise ValueError(
+                f"aperture must be an Aperture, got {described(aperture)}; Aperture() is round"
+            )
         self._threads, self._hidden = threads, hidden
         self.size = signed_radius.shape[0], signed_radius.shape[1]
         looked_at = partial(
@@ -115,6 +127,16 @@ class Picture:
             progress=progress,
         )
         return self._enlarging.enlarged(parts) if self._enlarging else parts
+
+
+def _count(name: str, count: int | None, least: int = 1) -> int | None:
+    return None if count is None else whole(name, count, "None lets the scene decide", least)
+
+
+def _finite(infinity: float | None) -> float | None:
+    if infinity is None or math.isfinite(radius := number("infinity", infinity, "in px")):
+        return None if infinity is None else radius
+    raise ValueError(f"infinity must be a finite radius in px, got {radius}; None if not known")
 
 
 def _is_blurred(signed_radius: Pixels) -> bool:

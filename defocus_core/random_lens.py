@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
+from defocus_core.guards import described, is_picture, number, numbers, whole
 from defocus_core.lens import DefocusLens
 from defocus_core.quality import find
 from defocus_core.render import render
@@ -95,28 +96,24 @@ class RandomDefocus(torch.nn.Module):
             ValueError: If a range or a value makes no sense.
         """
         super().__init__()
-        for name, (low, high) in (("foclen", foclen), ("fnum", fnum)):
-            if not 0 < low <= high < math.inf:
-                raise ValueError(_wrong_range(name, (low, high), "above 0"))
-        if not 0 <= focus_percentile[0] <= focus_percentile[1] <= 100:
-            raise ValueError(_wrong_range("focus_percentile", focus_percentile, "from 0 to 100"))
-        for name, value in (("sensor_width", sensor_width), ("max_radius", max_radius)):
-            if value is not None and not 0 < value < math.inf:
-                raise ValueError(f"{name} must be positive and finite, got {value}")
-        if not blades:
-            raise ValueError("blades must hold a number to choose, got none; (0,) is round")
-        for count in blades:
-            Aperture(count)
-        find(quality)
-        self.foclen = foclen
-        self.fnum = fnum
-        self.focus_percentile = focus_percentile
-        self.blades = tuple(blades)
-        self.sensor_width = sensor_width
-        self.max_radius = max_radius
+        self.foclen = _range("foclen", foclen)
+        self.fnum = _range("fnum", fnum)
+        self.focus_percentile = _range("focus_percentile", focus_percentile, 100.0)
+        self.blades = _choices(blades)
+        self.sensor_width = _positive("sensor_width", sensor_width, "36 is full frame")
+        self.max_radius = None
+        if max_radius is not None:
+            self.max_radius = _positive("max_radius", max_radius, "None is no bound")
         self.left_right = left_right
+        find(quality)
         self.quality = quality
-        self.threads = threads
+        self.threads = whole("threads", threads, "it is how many tiles are computed at once")
+
+    def extra_repr(self) -> str:
+        """What lenses are drawn from, as a module tells it."""
+        names = ["foclen", "fnum", "focus_percentile", "blades", "sensor_width", "max_radius"]
+        names += ["left_right", "quality", "threads"]
+        return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
     def forward(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
@@ -194,12 +191,17 @@ class RandomDefocus(torch.nn.Module):
 
 def _planes(image: Tensor, depth: Tensor) -> Tensor:
     """Depth [B, H, W], once it is known to agree with the image."""
-    if image.ndim != 4 or not image.is_floating_point():
+    if not is_picture(image, 4):
         raise ValueError(
-            f"image must be floating point [B, C, H, W], got {image.dtype} {list(image.shape)}; "
+            f"image must be a floating-point tensor [B, C, H, W], got {described(image)}; "
             "one image is image[None]"
         )
+    if not image.numel():
+        raise ValueError(
+            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
+        )
     batch, _, height, width = image.shape
+    depth = numbers("depth", depth, torch.float32, image.device)
     planes = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
     if planes.shape != (batch, height, width):
         raise ValueError(
@@ -216,12 +218,15 @@ def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[
         return [int(seed) for seed in drawn]
     wanted = f"seeds must be one whole number for each of {count} pictures"
     try:
-        numbers = [index(seed) for seed in seeds]
+        found = [index(seed) for seed in seeds]
     except TypeError:
         raise ValueError(f"{wanted}, got {seeds}; the indices of the samples will do") from None
-    if len(numbers) != count:
-        raise ValueError(f"{wanted}, got {len(numbers)}; the indices of the samples will do")
-    return numbers
+    if len(found) != count:
+        raise ValueError(f"{wanted}, got {len(found)}; the indices of the samples will do")
+    for seed in found:
+        if not -(2**63) <= seed < 2**64:
+            raise ValueError(f"seeds must be of 64 bits, got {seed}; take it modulo 2**64")
+    return found
 
 
 def _percentile(depth: Tensor, percent: float) -> float:
@@ -242,5 +247,34 @@ def _stacked(pictures: Sequence[Tensor | None]) -> Tensor:
     return torch.stack([picture for picture in pictures if picture is not None])
 
 
-def _wrong_range(name: str, ends: Range, where: str) -> str:
-    return f"{name} must be (low, high) {where}, got {ends}; equal ends fix the value"
+def _range(name: str, ends: Range, most: float | None = None) -> Range:
+    """Two ends in order: above 0, or from 0 to the most."""
+    try:
+        low, high = (number(name, end) for end in ends)
+        fits = 0 < low <= high < math.inf if most is None else 0 <= low <= high <= most
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        where = "above 0" if most is None else f"from 0 to {most:g}"
+        raise ValueError(
+            f"{name} must be (low, high) {where}, got {ends}; equal ends fix the value"
+        )
+    return low, high
+
+
+def _positive(name: str, value: float, remedy: str) -> float:
+    found = number(name, value, remedy)
+    if not 0 < found < math.inf:
+        raise ValueError(f"{name} must be positive and finite, got {value}; {remedy}")
+    return found
+
+
+def _choices(blades: Sequence[int]) -> tuple[int, ...]:
+    """Numbers of blades that an aperture may have, at least one."""
+    try:
+        counts = [Aperture(count).blades for count in blades]
+    except TypeError:
+        counts = []
+    if not counts:
+        raise ValueError(f"blades must hold numbers to choose from, got {blades}; (0,) is round")
+    return tuple(map(int, counts))

@@ -13,11 +13,11 @@ from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.assembly import assembled
+from defocus_core.guards import described, is_picture, numbers
 from defocus_core.hidden import Behind, HiddenLayer
 from defocus_core.modes import own_modes
 from defocus_core.picture import Picture
 from defocus_core.quality import find
-from defocus_core.tiling import BLOCK
 
 
 @dataclass(frozen=True)
@@ -97,10 +97,6 @@ def render(
             its range, or a CoC does not fit psf_ks.
     """
     settings = find(quality)
-    _check_count("num_layers", num_layers)
-    _check_count("psf_ks", psf_ks)
-    _check_count("threads", threads)
-    _check_count("tile", tile, least=BLOCK)
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
     done, trusts = [], []
@@ -126,7 +122,8 @@ def render(
         trusts.append(trust[0])
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
     results = torch.stack(done, 1) if len(done) > 1 else done[0][:, None]
-    centre, *pair = (pictures.reshape(image.shape) for pictures in results)
+    # not by iterating: views that come together cannot be changed in place
+    centre, *pair = (results[kind].reshape(image.shape) for kind in range(len(results)))
     left, right = pair or (None, None)
     seen = torch.stack(trusts).reshape(*image.shape[:-3], 1, *image.shape[-2:])
     return Rendering(centre, left, right, seen, stats)
@@ -134,13 +131,16 @@ def render(
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     """[B, C, H, W] pixels and [B, H, W] radii."""
-    if image.dim() not in (3, 4) or not image.is_floating_point():
+    if not is_picture(image, 3, 4):
         raise ValueError(
-            f"image must be [B, C, H, W] or [C, H, W] of floats, got {image.dtype} "
-            f"{tuple(image.shape)}; decode integers to linear light first"
+            "image must be a tensor [B, C, H, W] or [C, H, W] of floats, got "
+            f"{described(image)}; decode integers to linear light first"
         )
     if not image.numel():
-        raise ValueError(f"image must hold a pixel, got {tuple(image.shape)}")
+        raise ValueError(
+            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
+        )
+    signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
     pixels = image.reshape(-1, *image.shape[-3:])
     count, size = pixels.shape[0], pixels.shape[-2:]
     shapes = {(count, 1, *size), (count, *size)} | ({tuple(size)} if count == 1 else set())
@@ -156,6 +156,11 @@ def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list
     """What is known behind each picture."""
     if hidden is None:
         return [None] * len(pictures)
+    if not (isinstance(hidden, tuple) and all(isinstance(x, Tensor) for x in hidden)):
+        raise ValueError(
+            f"hidden must be a HiddenLayer of three tensors, got {described(hidden)}; "
+            "leave it out where nothing is known"
+        )
     shapes = [tuple(x.shape) for x in hidden]
     sizes = [x.shape[1:] if len(pictures) == 1 else x.shape for x in (pictures, radii, radii)]
     batched = [pictures.shape, radii.shape, radii.shape]
@@ -166,8 +171,3 @@ def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list
         )
     known = (x.reshape(b).to(pictures.device) for x, b in zip(hidden, batched, strict=True))
     return [Behind(*one) for one in zip(*known, strict=True)]
-
-
-def _check_count(name: str, count: int | None, least: int = 1) -> None:
-    if count is not None and count < least:
-        raise ValueError(f"{name} must be at least {least}, got {count}")

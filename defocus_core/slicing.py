@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.guards import number
 from defocus_core.quality import QUALITIES, Quality, find
 
 # Radii in px up to which a pixel is in focus, its disc being much narrower than the pixel; and up
@@ -20,6 +21,7 @@ from defocus_core.quality import QUALITIES, Quality, find
 SHARP, SOFT = 0.15, 0.25
 # Radii in px below which each slice occludes for itself.
 _ALONE = 2.0
+_PX = "radii are in px, negative nearer than focus"
 
 
 def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
@@ -51,9 +53,11 @@ def quantisation(least: float, most: float, quality: str) -> float:
         quality: Whose ladder it is.
 
     Raises:
-        ValueError: If there is no such quality.
+        ValueError: If there is no such quality, or radii are not finite and in order.
     """
     settings = find(quality)
+    if not -math.inf < number("least", least, _PX) <= number("most", most, _PX) < math.inf:
+        raise ValueError(f"least and most must be finite and in order, got {least}, {most}; {_PX}")
     ladder = rungs(least, most, settings)
     steps = [b - a for a, b in pairwise(ladder) if b > least and a < most]
     return max(steps, default=0.0) / 2 + (0.5 if settings.half_size else 0.0)
@@ -68,8 +72,9 @@ def cheapest_within(tolerance: float, least: float, most: float) -> str:
         most: That of the farthest one.
 
     Raises:
-        ValueError: If even the best is off by more.
+        ValueError: If even the best is off by more, or radii are not finite and in order.
     """
+    tolerance = number("tolerance", tolerance, _PX)
     for quality in QUALITIES:
         if quantisation(least, most, quality) <= tolerance:
             return quality

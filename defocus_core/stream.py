@@ -14,6 +14,7 @@ from torch import Tensor
 from defocus_core.aperture import Aperture
 from defocus_core.assembly import total
 from defocus_core.frame import Frame
+from defocus_core.guards import whole
 from defocus_core.hidden import Behind
 from defocus_core.mending import Mending
 from defocus_core.modes import own_modes
@@ -43,7 +44,7 @@ class Rendered:
 
 
 class Stream:
-    """The regions of a picture, in rows from the top, each from left to right; goes once.
+    """The regions of a picture, in rows from the top, each from left to right.
 
     Attributes:
         size: (height, width) in px.
@@ -85,11 +86,23 @@ class Stream:
         Raises:
             ValueError: If shapes do not match, or a number is not finite.
         """
-        sizes = tuple(image.shape[-2:]), tuple(signed_radius.shape)
-        if len(image.shape) != 3 or sizes[0] != sizes[1]:
+        shape, size = tuple(image.shape), tuple(signed_radius.shape)
+        if len(shape) != 3 or 0 in shape or shape[1:] != size:
             raise ValueError(
-                f"image must be [C, H, W] and signed_radius [H, W], got {tuple(image.shape)} "
-                f"and {sizes[1]}"
+                f"image must be [C, H, W] and signed_radius [H, W], of a pixel at least, got "
+                f"{shape} and {size}; one of a batch is image[0] and signed_radius[0, 0]"
+            )
+        for name, given in (("image", image), ("signed_radius", signed_radius)):
+            if not (isinstance(given.dtype, torch.dtype) and given.dtype.is_floating_point):
+                raise ValueError(
+                    f"{name} must be of floats of torch, got {given.dtype}; "
+                    "decode integers to linear light first"
+                )
+        known = hidden and Behind(*hidden)
+        if known and [tuple(of.shape) for of in known] != [shape, size, size]:
+            raise ValueError(
+                f"hidden must be color, signed_radius and mask of {shape}, {size} and {size}, got "
+                f"{[tuple(of.shape) for of in known]}; leave it out where nothing is known"
             )
         self._dtype, self._progress = torch.promote_types(image.dtype, torch.float32), progress
         self._counts: list[dict[str, int]] = []
@@ -101,7 +114,7 @@ class Stream:
                 aperture=aperture or Aperture(),
                 quality=find(quality),
                 left_right=left_right,
-                hidden=hidden,
+                hidden=known,
                 threads=threads,
                 tile=tile,
                 infinity=infinity,
@@ -117,6 +130,8 @@ class Stream:
         Args:
             at_once: How many at once at most: bounds memory. None for as many as threads.
         """
+        at_once = None if at_once is None else whole("at_once", at_once, "None is as threads")
+        self._counts.clear()
         # not around the loop: the mode would be that of whoever takes the regions, too
         with torch.no_grad():
             parts = self._picture.parts(at_once=at_once, progress=self._progress)

@@ -18,6 +18,8 @@ from defocus_core.terraces import Levels, are_few, levels_of
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
 
+# Px of radius: any picture is a point beside it.
+MOST = 1e8
 # Share of a frame that edges may be: what is steep nearly everywhere is a surface.
 _EDGES = 0.25
 # Every how many rows and columns a pixel is looked at where some will do, and every how many rows
@@ -84,7 +86,7 @@ def survey(
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
 
     Raises:
-        ValueError: If a value is not finite.
+        ValueError: If a value is not finite, or a radius is beyond `MOST`.
     """
     H, W = signed_radius.shape
 
@@ -111,6 +113,11 @@ def survey(
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
         if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
+    if max(-ends[0], ends[1]) > MOST:
+        raise ValueError(
+            f"signed_radius must be within {MOST:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            "check the units of depth and lens, and write inf for sky"
+        )
 
     def brightness_again() -> Iterator[Tensor]:
         return (band.to(dtype).amax(0) for band in banded(pixels))

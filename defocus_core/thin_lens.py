@@ -13,19 +13,25 @@ is signed (negative nearer than focus) and affine in disparity 1/z, in which not
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 
+from defocus_core.guards import described, number, numbers
+
 Scalar = float | Tensor
+T = TypeVar("T")
+
+_SIDES = "lengths are in mm, sensor_size and sensor_res are (width, height)"
 
 
 class ThinLens:
     """A thin lens in front of a sensor of square pixels.
 
-    Every parameter may be a float or a 0-dim tensor, and gradients flow to it. Results follow the
-    dtype (at least float32) and the device of the tensor that is passed in; `dtype` and `device`
-    serve for arguments that are plain numbers.
+    Every parameter may be a float or a tensor of one number, and gradients flow to it. Results
+    follow the dtype (at least float32) and the device of the tensor that is passed in; `dtype` and
+    `device` serve for arguments that are plain numbers.
 
     Attributes:
         foclen: Focal length f in mm.
@@ -62,42 +68,43 @@ class ThinLens:
             ValueError: If a quantity is not positive and finite, the pitches of the two axes differ
                 by more than 1 %, or dtype is not floating point.
         """
+        size, res = _pair("sensor_size", sensor_size), _pair("sensor_res", sensor_res)
         quantities = {"foclen": foclen, "fnum": fnum}
-        quantities |= {"sensor width": sensor_size[0], "sensor height": sensor_size[1]}
-        quantities |= {"horizontal sensor_res": sensor_res[0], "vertical sensor_res": sensor_res[1]}
+        quantities |= {"sensor width": size[0], "sensor height": size[1]}
+        quantities |= {"horizontal sensor_res": res[0], "vertical sensor_res": res[1]}
         for name, value in quantities.items():
-            if not 0 < _number(value) < math.inf:
+            if not 0 < number(name, value, _SIDES) < math.inf:
                 raise ValueError(
-                    f"{name} must be positive and finite, got {_number(value)}; "
-                    "lengths are in mm, sensor_size and sensor_res are (width, height)"
+                    f"{name} must be positive and finite, got {number(name, value)}; {_SIDES}"
                 )
-        if not dtype.is_floating_point:
-            raise ValueError(f"dtype must be floating point, got {dtype}; use torch.float32")
-        across, down = sensor_size[0] / sensor_res[0], sensor_size[1] / sensor_res[1]
+        if not (isinstance(dtype, torch.dtype) and dtype.is_floating_point):
+            raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
+        across, down = size[0] / res[0], size[1] / res[1]
         if abs(down / across - 1) > 0.01:
             raise ValueError(
                 f"pixels must be square, got {across:.5g} mm across and {down:.5g} mm down from "
                 f"sensor_size={sensor_size} and sensor_res={sensor_res}; "
-                f"use a sensor height of {across * sensor_res[1]:.5g} mm"
+                f"use a sensor height of {across * res[1]:.5g} mm"
             )
         self.foclen = foclen
         self.fnum = fnum
-        self.sensor_size = sensor_size
-        self.sensor_res = sensor_res
+        self.sensor_size = size
+        self.sensor_res = res
         self.pixel_size = across
-        self.device = torch.device(device or "cpu")
+        self.device = _device(device)
         self.dtype = dtype
         self.d_far = -math.inf
         self.d_close = 0.0
         self.obj_depth = -20000.0
-        self.refocus(-20000.0 if _number(foclen) < 20000.0 else -math.inf)
+        self.refocus(-20000.0 if number("foclen", foclen) < 20000.0 else -math.inf)
 
     def refocus(self, foc_dist: Scalar) -> None:
         """Focus at a distance of |foc_dist| mm, which may be infinite.
 
         Raises:
-            ValueError: Unless foclen < |foc_dist|.
+            ValueError: Unless foc_dist is one number, and foclen < |foc_dist|.
         """
+        number("foc_dist", foc_dist)
         self._require_real_image("foc_dist", foc_dist)
         self._focus = foc_dist
 
@@ -123,8 +130,8 @@ class ThinLens:
             ValueError: If a depth is zero or NaN, or foclen is no longer less than |foc_dist|.
         """
         self._require_real_image("foc_dist", self.foc_dist)
-        z = self._distance(depth).clamp(abs(self.d_close), abs(self.d_far))
-        s = _like(self.foc_dist, z).abs()
+        z = self._distance("depth", depth).clamp(abs(self.d_close), abs(self.d_far))
+        s = self._parameter("foc_dist", z).abs()
         return self._coc_per_disparity(s) * (1 / s - 1 / z)
 
     def signed_radius(self, depth: Scalar) -> Tensor:
@@ -139,14 +146,14 @@ class ThinLens:
         Raises:
             ValueError: If a depth is zero, negative or NaN.
         """
-        depth = self._tensor(depth)
+        depth = self._tensor("depth", depth)
         if not bool((depth > 0).all()):
-            raise _bad_depth(depth, depth > 0, "positive")
+            raise _bad_depth("depth", depth, depth > 0, "positive")
         return self.signed_coc(depth) / (2 * self.pixel_size)
 
     def radius_at_infinity(self) -> float:
         """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
-        s = self._distance(self.foc_dist)
+        s = self._distance("foc_dist", self.foc_dist)
         radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
         return float(radius.detach())
 
@@ -166,8 +173,8 @@ class ThinLens:
         c = self._acceptable(coc)
         if not bool((c > 0).all()):
             raise ValueError(f"coc must be positive, got {float(c.min())}; 0.03 mm suits 36×24 mm")
-        f = _like(self.foclen, c)
-        return f + f * f / (_like(self.fnum, c) * c)
+        f = self._parameter("foclen", c)
+        return f + f * f / (self._parameter("fnum", c) * c)
 
     def dof(self, depth: Scalar, coc: Scalar | None = None) -> Tensor:
         """Depth of field in mm of this lens focused at a depth.
@@ -200,57 +207,87 @@ class ThinLens:
         Raises:
             ValueError: If foc_dist is NaN or not beyond foclen, or coc is negative or NaN.
         """
-        s = self._distance(foc_dist)
+        s = self._distance("foc_dist", foc_dist)
         self._require_real_image("foc_dist", s)
-        margin = _like(self._acceptable(coc), s) / self._coc_per_disparity(s)
+        c = self._acceptable(coc).to(s)
+        if not _fit(c.shape, s.shape):
+            raise ValueError(
+                f"coc must be one diameter or one for each of {list(s.shape)} distances, got "
+                f"{list(c.shape)}; 0.03 mm suits 36×24 mm"
+            )
+        margin = c / self._coc_per_disparity(s)
         finite = 1 / s > margin
         far = torch.where(finite, 1 / torch.where(finite, 1 / s - margin, 1.0), math.inf)
         return 1 / (1 / s + margin), far
 
     def _coc_per_disparity(self, s: Tensor) -> Tensor:
         """A v in mm² for a focus distance s: f² / (N (1 - f / s))."""
-        f = _like(self.foclen, s)
-        return f * f / (_like(self.fnum, s) * (1 - f / s))
+        f = self._parameter("foclen", s)
+        return f * f / (self._parameter("fnum", s) * (1 - f / s))
 
-    def _tensor(self, value: Scalar) -> Tensor:
+    def _parameter(self, name: str, other: Tensor) -> Tensor:
+        """The attribute of that name as a 0-dim tensor like another."""
+        value = getattr(self, name)
+        number(name, value, "make a lens for each")
+        return torch.as_tensor(value, dtype=other.dtype, device=other.device).reshape(())
+
+    def _tensor(self, name: str, value: Scalar) -> Tensor:
         """A tensor of at least float32."""
-        if not isinstance(value, Tensor):
-            return torch.tensor(value, dtype=self.dtype, device=self.device)
-        floating = value if value.is_floating_point() else value.to(self.dtype)
-        return floating.to(torch.promote_types(floating.dtype, torch.float32))
+        return numbers(name, value, self.dtype, self.device)
 
-    def _distance(self, depth: Scalar) -> Tensor:
-        z = self._tensor(depth).abs()
+    def _distance(self, name: str, distance: Scalar) -> Tensor:
+        z = self._tensor(name, distance).abs()
         if not bool((z > 0).all()):
-            raise _bad_depth(z, z > 0, "other than 0")
+            raise _bad_depth(name, z, z > 0, "other than 0")
         return z
 
     def _require_real_image(self, name: str, distance: Scalar) -> None:
-        nearest = _number(distance.abs().min() if isinstance(distance, Tensor) else abs(distance))
-        if not _number(self.foclen) < nearest:
+        foclen = number("foclen", self.foclen)
+        if not isinstance(distance, Tensor):
+            distance = torch.tensor(number(name, distance), dtype=torch.float64, device="cpu")
+        distances = distance.detach().abs()
+        if not bool((distances > foclen).all()):
             raise ValueError(
-                f"{name} must be farther than foclen={_number(self.foclen):g} mm, got "
-                f"{nearest:g} mm; distances are in mm and infinity is math.inf"
+                f"{name} must be farther than foclen={foclen:g} mm, got "
+                f"{float(distances.min()):g} mm; distances are in mm and infinity is math.inf"
             )
 
     def _acceptable(self, coc: Scalar) -> Tensor:
-        c = self._tensor(coc)
+        c = self._tensor("coc", coc)
         if not bool((c >= 0).all()):
             raise ValueError(f"coc must be a diameter in mm, 0 or more, got {float(c.min())}")
         return c
 
 
-def _like(value: Scalar, other: Tensor) -> Tensor:
-    return torch.as_tensor(value, dtype=other.dtype, device=other.device)
+def _pair(name: str, given: tuple[T, T]) -> tuple[T, T]:
+    """Width and height."""
+    try:
+        width, height = given
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{name} must be (width, height), got {described(given)}; a square has both, too"
+        ) from None
+    return width, height
 
 
-def _number(value: Scalar) -> float:
-    return float(value.detach()) if isinstance(value, Tensor) else float(value)
+def _device(named: torch.device | str | None) -> torch.device:
+    try:
+        return torch.device("cpu" if named is None else named)
+    except (RuntimeError, TypeError):
+        raise ValueError(
+            f"device must be one of torch's, got {named!r}; like cpu or cuda"
+        ) from None
 
 
-def _bad_depth(depth: Tensor, good: Tensor, wanted: str) -> ValueError:
+def _fit(first: torch.Size, second: torch.Size) -> bool:
+    """Whether tensors of these shapes can be put together."""
+    pairs = zip(reversed(first), reversed(second), strict=False)
+    return all(a == b or 1 in (a, b) for a, b in pairs)
+
+
+def _bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
     bad = depth.detach()[~good].flatten()
     return ValueError(
-        f"depth must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
+        f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
         "fill or mask what is not known, inf is the sky"
     )

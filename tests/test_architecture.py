@@ -62,7 +62,7 @@ LAYERS = [
         "slopes",
         "threads",
     },
-    {"modes", "outline", "tiling"},
+    {"guards", "modes", "outline", "tiling"},
     {"source", "spans"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

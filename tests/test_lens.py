@@ -258,7 +258,10 @@ def test_left_psf_lies_left_beyond_focus_and_right_nearer_8_r_over_3_pi_apart():
         (lambda: camera().dof(20.0, 0.03), "farther than foclen"),
         (lambda: camera().psf(torch.zeros(2, 2)), r"points must be \[N, 3\]"),
         (lambda: camera().psf(torch.ones(3), psf_type="airy"), "psf_type must be one of"),
-        (lambda: camera().psf(torch.tensor([0.0, 0.0, -2000.0]), ks=-1), "ks must be a whole"),
+        (
+            lambda: camera().psf(torch.tensor([0.0, 0.0, -2000.0]), ks=-1),
+            "ks must be at least 1, got -1",
+        ),
         (lambda: camera().psf_map(ks=2.5, depth=-2000.0), "ks must be a whole"),
     ],
 )

@@ -1,0 +1,85 @@
+"""What is checked at a door: numbers and tensors, which an error names if they are none."""
+
+from __future__ import annotations
+
+from operator import index
+from typing import Any
+
+import torch
+from torch import Tensor
+
+# Of what is shown of a value that is wrong.
+_LETTERS = 60
+
+
+def whole(name: str, value: Any, remedy: str, least: int = 1) -> int:
+    """A whole number of at least so much; 3.0 is one.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    number = int(value) if isinstance(value, float) and value.is_integer() else value
+    try:
+        if (number := index(number)) >= least:
+            return number
+        wanted = f"at least {least}"
+    except TypeError:
+        wanted = f"a whole number, at least {least}"
+    raise ValueError(f"{name} must be {wanted}, got {described(value)}; {remedy}")
+
+
+def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
+    """What a number is, or a tensor that holds one.
+
+    Raises:
+        ValueError: If it is none, or holds several.
+    """
+    try:
+        if isinstance(value, str | bytes | complex):
+            raise TypeError
+        return float(value.detach() if isinstance(value, Tensor) else value)
+    except (TypeError, ValueError, RuntimeError):
+        raise ValueError(f"{name} must be one number, got {described(value)}; {remedy}") from None
+
+
+def numbers(
+    name: str,
+    value: Any,
+    dtype: torch.dtype,
+    device: torch.device,
+    remedy: str = "lengths are in mm, without a unit",
+) -> Tensor:
+    """A tensor of at least float32: its own dtype and device, or those for what is none.
+
+    Raises:
+        ValueError: If it is not of real numbers.
+    """
+    wide = dtype if dtype.itemsize >= 4 else torch.float32
+    try:
+        given = (
+            value if isinstance(value, Tensor) else torch.tensor(value, dtype=wide, device=device)
+        )
+        if given.is_complex() or given.dtype == torch.bool:
+            raise TypeError
+    except (TypeError, ValueError, RuntimeError):
+        raise ValueError(
+            f"{name} must be a number or a tensor of them, got {described(value)}; {remedy}"
+        ) from None
+    if given.is_floating_point():
+        return given if given.dtype.itemsize >= 4 else given.float()
+    return given.to(wide)
+
+
+def is_picture(value: Any, *dims: int) -> bool:
+    """Whether it is a tensor of so many dimensions, of floats of 16 bits or more."""
+    floats = isinstance(value, Tensor) and value.is_floating_point() and value.dtype.itemsize > 1
+    return floats and value.dim() in dims
+
+
+def described(value: Any) -> str:
+    """A value as an error shows it: type and shape of what has them."""
+    if hasattr(value, "shape") and hasattr(value, "dtype") and tuple(value.shape):
+        kind = "" if isinstance(value, Tensor) else f"{type(value).__name__} of "
+        return f"{kind}{value.dtype} {list(value.shape)}"
+    shown = repr(value.item() if isinstance(value, Tensor) else value)
+    return shown if len(shown) <= _LETTERS else f"{shown[:_LETTERS]}…"

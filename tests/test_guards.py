@@ -1,0 +1,143 @@
+"""What makes no sense is refused at the door, in a line that names it and what would do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from defocus_core import Aperture, DefocusLens, RandomDefocus, cheapest_within, quantisation, render
+from defocus_core.stream import Stream
+
+IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
+DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
+
+
+def lens(foclen: Any = 50.0, fnum: Any = 1.4, **options: Any) -> DefocusLens:
+    return DefocusLens(foclen, fnum, (36.0, 27.0), (16, 12), **options)
+
+
+def drawn(image: Any = IMAGE[None], depth: Any = DEPTH, seeds: Any = (1,), **ranges: Any) -> Any:
+    return RandomDefocus(**ranges)(image, depth, seeds)
+
+
+def streamed(image: Any = IMAGE, radius: Any = RADIUS, **options: Any) -> Any:
+    return list(Stream(image, radius, **options).regions())
+
+
+WRONG: list[tuple[Callable[[], Any], str]] = [
+    (lambda: lens("50mm"), "foclen must be one number, got '50mm'; lengths are in mm"),
+    (lambda: lens(torch.ones(2)), r"foclen must be one number, got torch.float32 \[2\]"),
+    (lambda: DefocusLens(50, 2, 36, 48), r"sensor_size must be \(width, height\), got 36"),
+    (lambda: lens(device="gpu"), "device must be one of torch's, got 'gpu'"),
+    (lambda: lens(dtype="float32"), "dtype must be floating point, got 'float32'"),
+    (lambda: lens().refocus(torch.tensor([900.0, 2e3])), "foc_dist must be one number"),
+    (lambda: lens().refocus(None), "foc_dist must be one number, got None"),
+    (lambda: lens().coc("1m"), "depth must be a number .*, got '1m'; .* without a unit"),
+    (lambda: lens().dof(torch.ones(3) * 900, torch.ones(2)), r"coc must .* of \[3\] .* got \[2\]"),
+    (lambda: lens().psf([[0, 0]]), r"points must be \[N, 3\]"),
+    (lambda: lens().psf(torch.ones(3), None), "ks must be a whole number, .* got None"),
+    (lambda: lens().psf(torch.ones(3), math.nan), "ks must be a whole number, .* got nan"),
+    (lambda: lens().psf_map(5), r"grid must be \(rows, columns\), .* got 5"),
+    (lambda: lens().psf_map(depth=torch.ones(2)), "depth must be one number"),
+    (lambda: lens().render_rgbd(IMAGE[None].numpy(), DEPTH), "image .* got ndarray of float32"),
+    (lambda: lens().render_rgbd(IMAGE[None], None), "depth must be .* got None"),
+    (
+        lambda: lens().render_rgbd(IMAGE[None], DEPTH, "64"),
+        "psf_ks must be a whole number",
+    ),
+    (lambda: lens().render_rgbd(IMAGE[None], DEPTH / 1e9), "signed_radius must be within 1e.08 px"),
+    (lambda: render(IMAGE.tolist(), RADIUS), "image must be a tensor"),
+    (lambda: render(IMAGE, 3.0), "signed_radius must be .* of the image"),
+    (lambda: render(IMAGE, RADIUS.to(torch.complex64)), "signed_radius must be .*complex64"),
+    (lambda: render(IMAGE, RADIUS, num_layers=2.5), "num_layers must be a whole number, .* 2.5"),
+    (lambda: render(IMAGE, RADIUS, threads=1.5), "threads must be a whole number"),
+    (lambda: render(IMAGE, RADIUS, tile=math.inf), "tile must be a whole number"),
+    (lambda: render(IMAGE, RADIUS, infinity=math.nan), "infinity must be a finite radius"),
+    (lambda: render(IMAGE, RADIUS, aperture=6), "aperture must be an Aperture, got 6"),
+    (lambda: render(IMAGE, RADIUS, hidden=3), "hidden must be a HiddenLayer"),
+    (lambda: Aperture("6"), "blades must be a whole number"),
+    (lambda: Aperture(3.5), "blades must be a whole number"),
+    (lambda: Aperture(10**6), "blades must be 10000 at most"),
+    (lambda: Aperture(6, "15"), "rotation must be one number"),
+    (lambda: quantisation(math.nan, 5, "high"), "least and most must be finite and in order"),
+    (lambda: cheapest_within(1, 5, -5), "least and most must be finite and in order"),
+    (lambda: drawn(foclen=50), r"foclen must be \(low, high\) above 0, got 50; equal ends fix"),
+    (lambda: drawn(blades=6), r"blades must hold numbers to choose from, got 6"),
+    (lambda: drawn(blades=(6.5,)), "blades must be a whole number"),
+    (lambda: drawn(sensor_width=None), "sensor_width must be one number, got None"),
+    (lambda: drawn(threads=0), "threads must be at least 1"),
+    (lambda: drawn(IMAGE[:0][None]), "image must hold a pixel"),
+    (lambda: drawn(depth=DEPTH > 0), "depth must be a number .* got torch.bool"),
+    (lambda: drawn(seeds=[2**64]), "seeds must be of 64 bits, got 18446744073709551616"),
+    (lambda: streamed(threads=0), "threads must be at least 1"),
+    (lambda: streamed((255 * IMAGE).byte()), "image must be of floats of torch, got torch.uint8"),
+    (lambda: streamed(IMAGE[:0]), "of a pixel at least"),
+    (lambda: streamed(hidden=(IMAGE, RADIUS, RADIUS[1:])), "hidden must be color, signed_radius"),
+    (lambda: list(Stream(IMAGE, RADIUS).regions(0)), "at_once must be at least 1"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "said"), WRONG)
+def test_what_makes_no_sense_is_refused_by_name(wrong: Callable[[], Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said) as told:
+        wrong()
+    assert "; " in str(told.value), "what would do"
+
+
+def test_what_is_a_number_all_the_same_is_taken_for_it() -> None:
+    points, whole = torch.tensor([[0.0, 0.0, 900.0]]), lens().psf(torch.tensor([[0.0, 0, 900]]), 33)
+    for ks in (33.0, np.int64(33), torch.tensor(33)):
+        assert torch.equal(lens().psf(points, ks), whole)
+    assert torch.equal(lens().psf([[0, 0, 900]], 33), whole)
+    depth = DEPTH.round()
+    picture = lens().render_rgbd(IMAGE[None], depth)
+    for same in (depth.int(), depth.numpy(), depth.to(torch.uint16), depth.tolist()):
+        assert torch.equal(lens().render_rgbd(IMAGE[None], same), picture)
+    assert torch.equal(drawn(depth=depth.to(torch.uint16)).render, drawn(depth=depth).render)
+    assert RandomDefocus(blades=iter([0, 6])).blades == (0, 6)
+    assert RandomDefocus(blades=np.array([0, 6])).blades == (0, 6)
+
+
+def test_a_parameter_of_one_element_is_a_number() -> None:
+    parameters = [torch.nn.Parameter(torch.tensor([x])) for x in (50.0, 1.4, 2000.0)]
+    one, usual = lens(*parameters[:2]), lens()
+    one.refocus(parameters[2]), usual.refocus(2000.0)
+    for of in (one, usual):
+        assert of.coc(900.0).shape == of.hyperfocal(0.03).shape == of.dof(900.0, 0.03).shape == ()
+        assert of.psf(torch.tensor([0.0, 0.0, 900.0])).shape == (64, 64)
+    one.render_rgbd(IMAGE[None], DEPTH).square().sum().backward()
+    assert all(x.grad is not None and bool((x.grad != 0).all()) for x in parameters)
+
+
+def test_a_half_precision_lens_computes_in_float32() -> None:
+    assert lens(dtype=torch.float16).coc(1000.0) == lens().coc(1000.0)
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+def test_what_is_finite_stays_finite(quality: str) -> None:
+    radius = torch.where(RADIUS > 1, 8.0, -8.0)
+    exact = render(IMAGE.double(), radius, quality=quality, left_right=True)
+    seen = render(IMAGE * 2.0**100, radius, quality=quality, left_right=True)
+    for kind in ("render", "left", "right"):
+        torch.testing.assert_close(
+            getattr(seen, kind) / 2.0**100, getattr(exact, kind).float(), rtol=0, atol=1e-6
+        )
+
+
+def test_pictures_may_be_changed_in_place() -> None:
+    image = IMAGE.clone().requires_grad_()
+    seen = render(image, RADIUS, left_right=True)
+    seen.render.clamp_(0, 0.5).sum().backward()
+    assert image.grad is not None
+
+
+def test_a_stream_counts_the_same_each_time() -> None:
+    stream = Stream(IMAGE, RADIUS)
+    for _ in range(2):
+        assert len(list(stream.regions())) == 1
+        assert stream.stats["pixels"] == RADIUS.numel()
