@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MM_PER_M = 1000.0
 DRAWS = 100
 _MOST_PX = 1e6  # wider than any frame
+_FARTHEST_PX = 1e8  # what the renderer takes
 
 
 class Rejected(InputError):  # noqa: N818 - it is no error of the user's
@@ -103,7 +104,7 @@ def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[f
     """The signed CoC radius in px of a whole frame [H, W], float32, and its least and greatest.
 
     Raises:
-        InputError: a depth is so near that no frame would hold its blur.
+        InputError: a depth is so near, or the focus, that no frame would hold the blur.
     """
     metres = depth.metres
     height, width = metres.shape
@@ -117,6 +118,9 @@ def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[f
             nearest = float(metres[rows].min())
             problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[-2]:.2g} px"
             raise InputError(depth.path, problem, "check --depth-unit and --focus")
+        if not ends[-1] <= _FARTHEST_PX:
+            problem = f"is blurred by {ends[-1]:.2g} px: focus is hardly beyond the focal length"
+            raise InputError(depth.path, problem, "give --focus in the scene")
     return whole, (min(ends), max(ends))
 
 

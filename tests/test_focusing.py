@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, header, ramp, refused, run
 
+from defocus_cli.arrays import IN_MEMORY
 from defocus_cli.depth import Depth
 from defocus_cli.draws import Draw
-from defocus_cli.focusing import DRAWS, Rejected, focused, signed_radius
+from defocus_cli.errors import InputError
+from defocus_cli.focusing import DRAWS, Rejected, focused, radius_map, signed_radius
 from defocus_cli.job import Lens
 from defocus_cli.lens_file import lens_of
 
@@ -113,3 +115,9 @@ def test_a_focus_that_is_no_percentile_is_refused(tmp_path: Path) -> None:
     for text in ("percentile(101)", "percentile(5m)", "percentile()", "percentile(5, 95)"):
         lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", text)
         refused(run("render", "a", "b", "-o", tmp_path / "out", *lens), 2, "--focus: '")
+
+
+@pytest.mark.parametrize("focus", [50.000001, 50.00001])
+def test_a_focus_hardly_beyond_the_focal_length_is_refused(focus: float) -> None:
+    with pytest.raises(InputError, match=r"blurred by .* hardly beyond the focal length; give"):
+        radius_map(replace(LENS, foc_dist=focus), depth_of(np.full((2, 300), 5.0)), IN_MEMORY)
