@@ -23,7 +23,7 @@ _COLUMNS = (
     ("peak_mb", "MB", 7, 0),
 )
 # Those of predictions, which stand beside what was measured.
-_PREDICTED = (("predicted_seconds", "pred. s", 9, 3), ("predicted_mb", "MB", 7, 0))
+_PREDICTED = (("predicted_seconds", "pred. s", 9, 3), ("predicted_mb", "pred. MB", 10, 0))
 _MOST_TOLD = 10
 # By what factor a prediction may be off.
 _NEAR = 1.5

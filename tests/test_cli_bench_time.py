@@ -234,6 +234,7 @@ def test_predictions_stand_beside_what_was_measured(tmp_path: Path) -> None:
         assert row["predicted_mb"] > 10
         assert line.split()[-2] == f"{row['predicted_seconds']:.3f}"
     assert "of 2 predicted within a factor of 1.5; farthest off" in ran.out
+    assert "pred. s  pred. MB" in ran.out
     assert "predicted" not in bench(*TINY, "--kinds", "floor").out
 
 
