@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from operator import index
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
 
+T = TypeVar("T")
 # Of what is shown of a value that is wrong.
 _LETTERS = 60
 
@@ -68,6 +69,35 @@ def numbers(
     if given.is_floating_point():
         return given if given.dtype.itemsize >= 4 else given.float()
     return given.to(wide)
+
+
+def pair(name: str, given: tuple[T, T]) -> tuple[T, T]:
+    """A width and a height.
+
+    Raises:
+        ValueError: If it is not two.
+    """
+    try:
+        width, height = given
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{name} must be (width, height), got {described(given)}; a square has both, too"
+        ) from None
+    return width, height
+
+
+def device_named(named: torch.device | str | None) -> torch.device:
+    """The device of that name, the CPU for None.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    try:
+        return torch.device("cpu" if named is None else named)
+    except (RuntimeError, TypeError):
+        raise ValueError(
+            f"device must be one of torch's, got {named!r}; like cpu or cuda"
+        ) from None
 
 
 def is_picture(value: Any, *dims: int) -> bool:

@@ -13,15 +13,13 @@ is signed (negative nearer than focus) and affine in disparity 1/z, in which not
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
 import torch
 from torch import Tensor
 
-from defocus_core.guards import described, number, numbers
+from defocus_core.guards import device_named, number, numbers, pair
 
 Scalar = float | Tensor
-T = TypeVar("T")
 
 _SIDES = "lengths are in mm, sensor_size and sensor_res are (width, height)"
 
@@ -68,15 +66,12 @@ class ThinLens:
             ValueError: If a quantity is not positive and finite, the pitches of the two axes differ
                 by more than 1 %, or dtype is not floating point.
         """
-        size, res = _pair("sensor_size", sensor_size), _pair("sensor_res", sensor_res)
+        size, res = pair("sensor_size", sensor_size), pair("sensor_res", sensor_res)
         quantities = {"foclen": foclen, "fnum": fnum}
         quantities |= {"sensor width": size[0], "sensor height": size[1]}
         quantities |= {"horizontal sensor_res": res[0], "vertical sensor_res": res[1]}
         for name, value in quantities.items():
-            if not 0 < number(name, value, _SIDES) < math.inf:
-                raise ValueError(
-                    f"{name} must be positive and finite, got {number(name, value)}; {_SIDES}"
-                )
+            _require_positive(name, value)
         if not (isinstance(dtype, torch.dtype) and dtype.is_floating_point):
             raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
         across, down = size[0] / res[0], size[1] / res[1]
@@ -90,13 +85,17 @@ class ThinLens:
         self.fnum = fnum
         self.sensor_size = size
         self.sensor_res = res
-        self.pixel_size = across
-        self.device = _device(device)
+        self.device = device_named(device)
         self.dtype = dtype
         self.d_far = -math.inf
         self.d_close = 0.0
         self.obj_depth = -20000.0
         self.refocus(-20000.0 if number("foclen", foclen) < 20000.0 else -math.inf)
+
+    @property
+    def pixel_size(self) -> float:
+        """Sensor width in mm / width in px, whichever of them changes."""
+        return self.sensor_size[0] / self.sensor_res[0]
 
     def refocus(self, foc_dist: Scalar) -> None:
         """Focus at a distance of |foc_dist| mm, which may be infinite.
@@ -127,7 +126,8 @@ class ThinLens:
             Diameters in mm, depth's shape.
 
         Raises:
-            ValueError: If a depth is zero or NaN, or foclen is no longer less than |foc_dist|.
+            ValueError: If a depth is zero or NaN, foclen is no longer less than |foc_dist|, or
+                foclen or fnum no longer positive.
         """
         self._require_real_image("foc_dist", self.foc_dist)
         z = self._distance("depth", depth).clamp(abs(self.d_close), abs(self.d_far))
@@ -228,7 +228,8 @@ class ThinLens:
     def _parameter(self, name: str, other: Tensor) -> Tensor:
         """The attribute of that name as a 0-dim tensor like another."""
         value = getattr(self, name)
-        number(name, value, "make a lens for each")
+        if name != "foc_dist":  # which `refocus` looks at, infinity and all
+            _require_positive(name, value)
         return torch.as_tensor(value, dtype=other.dtype, device=other.device).reshape(())
 
     def _tensor(self, name: str, value: Scalar) -> Tensor:
@@ -259,24 +260,10 @@ class ThinLens:
         return c
 
 
-def _pair(name: str, given: tuple[T, T]) -> tuple[T, T]:
-    """Width and height."""
-    try:
-        width, height = given
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"{name} must be (width, height), got {described(given)}; a square has both, too"
-        ) from None
-    return width, height
-
-
-def _device(named: torch.device | str | None) -> torch.device:
-    try:
-        return torch.device("cpu" if named is None else named)
-    except (RuntimeError, TypeError):
-        raise ValueError(
-            f"device must be one of torch's, got {named!r}; like cpu or cuda"
-        ) from None
+def _require_positive(name: str, value: Scalar) -> None:
+    found = number(name, value, _SIDES)
+    if not 0 < found < math.inf:
+        raise ValueError(f"{name} must be positive and finite, got {found}; {_SIDES}")
 
 
 def _fit(first: torch.Size, second: torch.Size) -> bool:

@@ -277,6 +277,21 @@ def test_a_lens_zoomed_past_its_focus_says_so_instead_of_turning_its_signs():
         lens.signed_radius(1000.0)
 
 
+@pytest.mark.parametrize(("name", "value"), [("fnum", -0.1), ("fnum", math.nan), ("foclen", 0.0)])
+def test_a_lens_driven_out_of_its_range_says_so_instead_of_turning_its_signs(name, value):
+    lens = camera()
+    setattr(lens, name, parameter(value))
+    for depth_to_blur in (lens.signed_radius, lens.hyperfocal):
+        with pytest.raises(ValueError, match=f"{name} must be positive"):
+            depth_to_blur(1000.0)
+
+
+def test_the_pitch_follows_the_sensor():
+    lens = camera()
+    lens.sensor_size, lens.sensor_res = (24.0, 13.5), (240, 135)
+    assert lens.pixel_size == 0.1
+
+
 @pytest.mark.parametrize(
     ("image", "depth", "said"),
     [
