@@ -51,18 +51,15 @@ def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Ten
     return share
 
 
-def add_behind(
-    seen: Tensor, layer: Tensor, full: Tensor | float = 1.0, share: Tensor | None = None
-) -> Tensor:
+def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
     """Add a layer behind what the parts of the aperture have seen so far.
 
     Args:
         seen: As above. Not changed where a gradient is wanted, else overwritten by the result.
         layer: As above.
         full: As above.
-        share: What shows of the layer, if it is known: [M, 1, h, w].
     """
-    share = share_behind(seen, layer, full) if share is None else share
+    share = share_behind(seen, layer, full)
     return seen.addcmul(layer, share) if torch.is_grad_enabled() else seen.addcmul_(layer, share)
 
 

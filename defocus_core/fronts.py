@@ -6,7 +6,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.blur import Shown
-from defocus_core.compositing import add_behind, add_within, filled_up_to, is_full, share_behind
+from defocus_core.compositing import add_within, filled_up_to, is_full, share_behind
+from defocus_core.tiling import Box
 
 
 class Fronts:
@@ -60,11 +61,11 @@ class Fronts:
             seen, most = self.seen[group], self._most(group, known)
             if layer is None or is_full(seen, most):
                 continue
-            share = share_behind(seen, layer, most)
+            whole, share = Box(0, 0, *seen.shape[-2:]), share_behind(seen, layer, most)
             if group == 0 and not known:
                 more = (share * layer[:, -1:])[:, 0]
                 self.invented = more if self.invented is None else self.invented + more
-            self.seen[group] = add_behind(seen, layer, share=share)
+            self.seen[group] = add_within(seen, whole, layer, share)
 
     def _most(self, group: int, known: bool) -> Tensor | float:
         """What is covered at most in the end."""

@@ -1,4 +1,4 @@
-"""``defocus batch``, ``status`` and ``retry``: many jobs, whatever stops them."""
+"""``defocus batch``: many jobs, whatever stops them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refu
 from defocus_cli import engine
 from defocus_cli.batch_options import Crew
 from defocus_cli.finished import samples
-from defocus_cli.journal import Journal
 from defocus_cli.lock import locked
 from defocus_cli.main import main
 
@@ -92,31 +91,6 @@ def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
     assert "not running; run the same command again" in run("status", out).out
     assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("4 jobs: 1 done, 3 done b")
     assert run("status", out, "--json").json["left"] == 0
-
-
-def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    run("batch", path, "-o", out)
-    path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
-    run("batch", path, "-o", out, "--limit", "1")
-    told = run("status", out, "--json").json
-    assert (told["ok"], told["left"], told["again"], told["jobs"]) == (4, 3, 3, 4)
-    assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
-
-
-def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
-    tmp_path: Path, out: Path
-) -> None:
-    path = jobs_file(tmp_path, *"abc")
-    good = (tmp_path / "depth" / "a.exr").read_bytes()
-    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
-    run("batch", path, "-o", out, "--limit", "3")
-    (tmp_path / "depth" / "a.exr").write_bytes(good)
-    assert run("retry", out).code == 0
-    told = run("status", out, "--json").json
-    assert (told["ok"], told["failed"], told["left"], told["jobs"]) == (3, 0, 3, 6)
-    assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("6 jobs: 3 done, 3 done b")
-    assert not list(out.glob(".*"))
 
 
 def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
@@ -214,72 +188,6 @@ def test_a_second_batch_on_the_same_directory_is_refused(tmp_path: Path, out: Pa
         refused(run("batch", path, "-o", out), 3, f"process {os.getpid()} on ", "stop it")
         refused(run("merge", out), 3, "has no journal")
     assert files_under(out) == set()
-
-
-def test_retry_of_what_another_does_is_refused_before_a_word_is_said(
-    tmp_path: Path, out: Path
-) -> None:
-    run("batch", jobs_file(tmp_path), "-o", out)
-    with locked(out, say=print):
-        refused(run("retry", out), 3, f"process {os.getpid()} on ", "stop it")
-
-
-def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
-    run("batch", path, "-o", out)
-    told = run("status", out).out
-    assert told.startswith(f"{out}: 2 done, 2 failed, 4 jobs\n")
-    assert "  input-unusable 2\n" in told
-    assert f"a_focus2m: input-unusable: {tmp_path / 'depth' / 'a.exr'}: " in told
-    shown = run("status", out, "--failures", "1", "--json").json
-    assert (shown["ok"], shown["failed"], shown["left"]) == (2, 2, 0)
-    assert [failure["sample_id"] for failure in shown["failures"]] == ["a_focus2m"]
-    assert shown["reasons"] == {"input-unusable": 2}
-
-
-def test_status_can_be_asked_while_a_batch_runs(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = []
-    append = Journal.append
-
-    def asked(journal: Journal, record: dict[str, object]) -> None:
-        append(journal, record)
-        seen.append((run("status", out, "--json").json, run("status", out).out))
-
-    path = jobs_file(tmp_path)
-    monkeypatch.setattr(Journal, "append", asked)
-    run("batch", path, "-o", out)
-    told, words = seen[1]
-    assert (told["ok"], told["left"], told["jobs"]) == (2, 2, 4)
-    assert told["running"][0].startswith(f"process {os.getpid()} on ")
-    assert told["jobs_per_second"] > 0
-    assert told["eta_seconds"] == pytest.approx(2 / told["jobs_per_second"])
-    assert "the rest takes about " in words
-
-
-def test_there_is_no_status_without_a_journal(tmp_path: Path) -> None:
-    for command in ("status", "merge", "retry"):
-        refused(run(command, tmp_path), 3, f"{tmp_path}: has no journal")
-
-
-def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    good = (tmp_path / "depth" / "a.exr").read_bytes()
-    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
-    run("batch", path, "-o", out)
-    path.unlink()
-    assert run("retry", out).code == 1
-    (tmp_path / "depth" / "a.exr").write_bytes(good)
-    assert "nothing failed for that reason" in run("retry", out, "--reason", "worker-died").err
-    ran = run("retry", out, "--reason", "input-unusable", "--json")
-    assert ran.code == 0
-    assert ran.json["ok"] == 2
-    jobs_file(tmp_path)
-    run("batch", path, "-o", tmp_path / "whole")
-    assert contents(out) == contents(tmp_path / "whole")
-    assert "nothing failed" in run("retry", out).err
 
 
 REJECTING = JOBS.replace("fnumber = 2", "fnumber = 2\nmax-coc = '0.12px'")
