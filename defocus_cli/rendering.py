@@ -17,7 +17,7 @@ from defocus_cli.made import Loaded, Made, Outcome, mended_words
 from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
-    from defocus_core.hidden import Behind
+    from defocus_core.known import Behind
     from defocus_core.stream import Rendered, Stream
 
 Progress = Callable[[int, int], None]
@@ -160,7 +160,7 @@ def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
     """What is known to lie behind: where depth is inf and colour 0, nothing is."""
     import numpy as np
 
-    from defocus_core.hidden import Behind
+    from defocus_core.known import Behind
 
     assert loaded.behind is not None
     color, depth = loaded.behind

@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.backdrop import backdrop
 from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
-from defocus_core.hidden import Behind
+from defocus_core.known import Behind
 from defocus_core.recomputed import recomputed, unrecorded
 from defocus_core.region import Region
 from defocus_core.source import Pixels

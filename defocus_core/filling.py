@@ -30,10 +30,12 @@ class Hidden(NamedTuple):
     """What each group of m parts sees of hidden surfaces over a tile; None for those that do not.
 
     Attributes:
-        in_focus: [m, C + 1, h, w] of what is in focus or not far from it, alone.
+        nearer: [m, C + 1, h, w] of what is nearer than focus, alone.
+        in_focus: The same of what is in focus or not far from it.
         whole: The same of everything, as it occludes itself.
     """
 
+    nearer: list[Tensor | None]
     in_focus: list[Tensor | None]
     whole: list[Tensor | None]
 
@@ -86,18 +88,19 @@ class Filling:
         self._sides = slices.sides
         self._shares: dict[tuple[float, int, int], Tensor] = {}
 
-    def has_in_focus(self, index: int) -> bool:
-        """Whether something of it over a tile is in focus or not far from it."""
+    def has(self, side: int, index: int) -> bool:
+        """Whether something of it over a tile is nearer than focus (-1), in focus (0), beyond."""
         sliced, rungs = self._sliced, self.plan[index]
-        return any(self._sides[sliced.layer_of[rung * sliced.stride]] == 0 for rung in rungs)
+        return any(self._sides[sliced.layer_of[rung * sliced.stride]] == side for rung in rungs)
 
     def over_tile(self, index: int) -> Hidden:
         """What of it is seen over a tile."""
         tile, cells = self._tiles.tiles[index], self._cells_of[index]
         size = cells.height, cells.width
-        hidden = Hidden([], [])
+        hidden = Hidden([], [], [])
         for layers in self._blur.over_tile(self._sliced, index):
             sides = self._of_sides(layers, size)
+            hidden.nearer.append(sides.get(-1))
             hidden.in_focus.append(sides.get(0))
             hidden.whole.append(_occluding([sides[side] for side in sorted(sides)]))
         if not self.halvings:
@@ -110,6 +113,7 @@ class Filling:
             return rows * times @ cells_seen @ columns.mT
 
         return Hidden(
+            [enlarged(some, 1.0) for some in hidden.nearer],
             [enlarged(some, 1.0) for some in hidden.in_focus],
             [enlarged(some, _FILLS) for some in hidden.whole],
         )

@@ -9,8 +9,9 @@ import torch
 
 from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
 from defocus_core.convolution import reach
-from defocus_core.hidden import AROUND, Behind
+from defocus_core.hidden import px_around
 from defocus_core.highlights import reached_by, threshold
+from defocus_core.known import Behind
 from defocus_core.mending import Mending
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP, evenly, layers, rungs, sides_of_focus
@@ -168,7 +169,7 @@ def frame_of(
     farthest += farthest % 2
     margin = _NEIGHBOURHOOD + farthest
     if edges:
-        margin += AROUND
+        margin += px_around(quality.hidden_layers)
     if seen.brightest > limit:
         margin = max(margin, reached_by(farthest))
     margin += margin % 2  # regions are halved

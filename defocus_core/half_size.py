@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.halving import halved
-from defocus_core.hidden import Behind
+from defocus_core.known import Behind
 from defocus_core.source import Pixels, bands
 from defocus_core.threads import threaded
 

@@ -9,6 +9,7 @@ lead there.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -19,10 +20,9 @@ from defocus_core.continuation import Asked, continued, nearby
 from defocus_core.halving import Axis
 from defocus_core.reach import DECAY, STEP
 from defocus_core.sheets import Level, coarser, pixels_of
-from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 from defocus_core.transport import FARTHEST, transported
-from defocus_core.view import View, half_view, in_cells, in_pixels, whole_view
+from defocus_core.view import View, half_view, whole_view
 
 # Where between a near and a far radius the border is that tells them apart: where the far one is
 # shown with more than half of its distance left, and where with less.
@@ -37,8 +37,11 @@ _DIRECTIONS = 3
 _WIDEST = 6
 # By how much what is next to a pixel counts more than what fills its surroundings.
 _NEXT = 4.0
-# Px around a region from which what it hides is continued.
-AROUND = FARTHEST + 8
+
+
+def px_around(count: int) -> int:
+    """Px around a region from which so many layers of what it hides are continued."""
+    return FARTHEST + 2 + count * _WIDEST
 
 
 class HiddenLayer(NamedTuple):
@@ -55,30 +58,16 @@ class HiddenLayer(NamedTuple):
     mask: Tensor
 
 
-class Behind(NamedTuple):
-    """What is known of a whole frame, in memory or not; elsewhere than in the mask, anything."""
-
-    color: Pixels
-    signed_radius: Pixels
-    mask: Pixels
-
-    def within(self, box: Box, signed_radius: Tensor, dtype: torch.dtype) -> HiddenLayer:
-        """What is known within a box whose visible radii are [height, width] px."""
-        color, radius, mask = map(box.of, self)
-        mask = mask.bool()
-        color = torch.where(mask, color.to(dtype), 0.0)
-        return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
-
-
-def hidden_layer(
+def hidden_layers(
     image: Tensor,
     signed_radius: Tensor,
     beyond: Backdrop | None = None,
     box: Box | None = None,
     wanted: Box | None = None,
     *,
+    further: float = 0.0,
     halvings: int = 0,
-) -> HiddenLayer | None:
+) -> list[HiddenLayer]:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
     Args:
@@ -86,11 +75,14 @@ def hidden_layer(
         signed_radius: [H, W] px.
         beyond: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
-        wanted: Where in it the layer matters; None if everywhere.
-        halvings: How many times the resolution of the layer is halved, at most once.
+        wanted: Where in it the layers matter; None if everywhere.
+        further: Greatest blur of what is continued behind the first layer, as a multiple of the
+            blur of that; 0 if nothing is.
+        halvings: How many times the resolution of the layers is halved, at most once.
 
     Returns:
-        What is in `wanted`; None if nothing is hidden there.
+        What is in `wanted`, from front to back: what comes next, and what lies behind that where
+        the aperture sees past it, too. Fewer where nothing is hidden.
     """
     H, W = signed_radius.shape
     beyond = beyond or backdrop(image, signed_radius)
@@ -104,12 +96,57 @@ def hidden_layer(
     half = coarser(pixels_of(view.picture, signed_radius, middle))
     if halvings:
         view = half_view(half, middle)
-    h, w = view.near.shape
-    wanted = view.cells(wanted)
-    around = wanted.grown(_WIDEST >> halvings, Box(0, 0, h, w))  # what is put together, is whole
-    near = around.of(view.near)
+    seen = _Seen(beyond, view, half, box)
+    whole, wanted = Box(0, 0, *view.near.shape), view.cells(wanted)
+    blurs = [math.inf, further] if further else [math.inf]
+    near, among, found = view.near, torch.ones_like(view.near, dtype=torch.bool), []
+    at = whole
+    for number, blur in enumerate(blurs):
+        # what is put together, is whole
+        around = wanted.grown((_WIDEST >> halvings) * (len(blurs) - number), whole)
+        inner = around.seen_from(at)
+        layer = _behind(seen, inner.of(near), inner.of(among), around, blur)
+        if layer is None:
+            break
+        found.append((layer, around))
+        near, among, at = layer.signed_radius.detach(), layer.mask, around
+    return [HiddenLayer(*map(wanted.seen_from(around).of, layer)) for layer, around in found]
+
+
+class _Seen(NamedTuple):
+    """A part of a frame in which something is hidden.
+
+    Attributes:
+        beyond: The frame.
+        view: The part.
+        half: The same at half of the resolution.
+        box: Where in the frame it is.
+    """
+
+    beyond: Backdrop
+    view: View
+    half: Level
+    box: Box
+
+
+def _behind(
+    seen: _Seen, near: Tensor, among: Tensor, around: Box, blur: float
+) -> HiddenLayer | None:
+    """The next surface behind some cells of a part; None if there is none.
+
+    Args:
+        seen: The part.
+        near: [h, w] px, the surface in front.
+        among: [h, w] bool, where it is.
+        around: Where in the part these cells are.
+        blur: Greatest blur of what is continued, as a multiple of that in front.
+    """
+    beyond, view, half, box = seen
+    halvings = view.halvings
     revealed = beyond.reach.behind(near, around, view.middle, halvings)
-    behind = revealed.shown > near + STEP
+    behind = among & (revealed.shown > near + STEP)
+    if blur < math.inf:
+        behind = behind & (revealed.source.abs() < near.abs() * blur)
     index = torch.nonzero(behind.flatten())[:, 0]
     if not len(index):
         return None
@@ -145,35 +182,11 @@ def hidden_layer(
     if not bool(exists.all()):
         some = torch.nonzero(exists)[:, 0]
         index, found = index.index_select(0, some), found.index_select(0, some)
-    blank = view.picture.new_zeros(len(image), near.numel())
+    blank = view.picture.new_zeros(len(view.picture) - 1, near.numel())
     color = blank.index_copy(1, index, found[:, :-1].T).reshape(-1, *near.shape)
     radius = near.flatten().index_copy(0, index, found[:, -1]).reshape(near.shape)
     mask = behind & (radius.detach() > near + STEP)
-    inner = wanted.seen_from(around)
-    return HiddenLayer(*map(inner.of, (color, radius, mask)))
-
-
-def told_apart(
-    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
-) -> tuple[HiddenLayer, HiddenLayer]:
-    """What of a known layer is hidden, and what of an invented one is needed besides.
-
-    Args:
-        known: [H, W] px.
-        hidden: The same, or at half of the resolution.
-        middle: Of the frame, in px.
-    """
-    size = (known.mask.shape[0], known.mask.shape[1])
-    halved = hidden.mask.shape != known.mask.shape
-    mask, radius = hidden.mask, hidden.signed_radius
-    if halved:
-        mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
-        radius = in_pixels(radius.detach(), size, middle)
-    farther = radius > known.signed_radius + STEP
-    needed = mask & (~known.mask | farther)
-    if halved:
-        needed = hidden.mask & in_cells(needed, middle)
-    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)
+    return HiddenLayer(color, radius, mask)
 
 
 def _seen_coarsely(

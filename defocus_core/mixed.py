@@ -135,9 +135,13 @@ def _taken_apart(
     nearness = torch.exp(-squares / 4)[:, None] * alone
     colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
     values = torch.cat([colors, colors * colors, radii[None]])  # [2 C + 1, 25, n]
-    near, far = (_side(values, nearness * side) for side in (is_near, ~is_near))
-    near, thin = _with_thin(near, far, values, torch.exp(-squares / 4)[:, None] * is_near)
     middle = len(place) // 2
+    # on the pixel's own side, a third surface takes no part
+    own = (radii - radii[middle]).detach().abs() <= _EDGE
+    near, far = (
+        _side(values, nearness * (side & (own | ~side[middle]))) for side in (is_near, ~is_near)
+    )
+    near, thin = _with_thin(near, far, values, torch.exp(-squares / 4)[:, None] * is_near)
     own_near, color = is_near[middle], colors[:, middle].T
     alpha = _mixture(color, near, far, own_near.to(color.dtype))
     alpha = torch.where(own_near, alpha.clamp(0.5, 1), alpha.clamp(0, 0.5))[:, None]
@@ -152,11 +156,11 @@ def _taken_apart(
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
     known = near.known & far.known & ~(thin & own_near) & _has_step(radii.detach())
-    own = torch.where(own_near[:, None], near_color, far_color)[known]
+    own_color = torch.where(own_near[:, None], near_color, far_color)[known]
     coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
     behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
     fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
-    return at[known], own, coverage, at[behind], fringe[behind], near.signed_radius[behind]
+    return at[known], own_color, coverage, at[behind], fringe[behind], near.signed_radius[behind]
 
 
 def _has_step(radii: Tensor) -> Tensor:

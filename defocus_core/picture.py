@@ -15,7 +15,7 @@ from defocus_core.enlarging import Enlarging
 from defocus_core.frame import frame_of
 from defocus_core.guards import described, number, whole
 from defocus_core.half_size import behind_at_half_size, half_size, means, radii_in_cells
-from defocus_core.hidden import Behind
+from defocus_core.known import Behind
 from defocus_core.mending import Mending
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP

@@ -129,7 +129,7 @@ def plan(
     grids = [part for part in parts if part]
     work = Workload(frame)
     for grid in grids:
-        work.add(grid, [scene.visible, scene.hidden])
+        work.add(grid, [scene.visible, *scene.hidden])
     (H, W), channels = frame.size, image.shape[0]
     pixels, size = H * W, frame.dtype.itemsize
     samples = (channels + 1) * size / 4
@@ -175,14 +175,15 @@ def plan(
         "cells": _bytes_of_cells(picture, every, channels * (3 if left_right else 1) + 1),
     }
     blurred = {tile for grid in grids for tile in grid.tiles}
-    behind = zip(frame.grid.tiles, scene.hidden.plan, strict=True)
+    hidden = scene.hidden[0].plan if scene.hidden else []
+    with_hidden = {tile for tile, some in zip(frame.grid.tiles, hidden, strict=False) if some}
     return Plan(
         slices=len(frame.radii),
         tiles=len(frame.grid.tiles),
         regions=len(every),
         slice_tiles=2 * len(frame.radii) * len(frame.grid.tiles),
         slice_tiles_done=work.done,
-        tiles_with_hidden=sum(1 for tile, some in behind if some and tile in blurred),
+        tiles_with_hidden=len(with_hidden & blurred),
         of_frame=_all(of_frame),
         of_regions=_all(of_regions),
         of_tiles=_all({**_times(work.of_tiles, samples), "finished": finished}),

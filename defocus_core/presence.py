@@ -13,7 +13,7 @@ from torch.nn.functional import pad
 from defocus_core.antialiased import without_averages
 from defocus_core.frame import Frame
 from defocus_core.halving import axes, halves
-from defocus_core.hidden import hidden_layer
+from defocus_core.hidden import hidden_layers
 from defocus_core.neighbours import extreme_around
 from defocus_core.patches import Patch, patches
 from defocus_core.planes import Planes
@@ -152,9 +152,9 @@ class Presence:
     Attributes:
         frame: Of which this is told.
         visible: The surfaces that are seen.
-        hidden: What is invented behind them.
+        hidden: What is invented behind them, a cover for each layer.
         edges: Pixels on edges of depth.
-        behind: Pixels behind which something is invented.
+        behind: Pixels behind which something is invented, of all layers.
     """
 
     def __init__(self, frame: Frame, signed_radius: Pixels) -> None:
@@ -163,10 +163,10 @@ class Presence:
         step = _step(H * W)
         rows, self.edges = [], 0
         for strip, inner in _strips(signed_radius) if frame.edges else ():
-            if frame.mending.antialiased is None:
-                steps = without_ramps(strip)
-            else:
+            if frame.mending.antialiased is not None:
                 steps = without_averages(strip, frame.mending.antialiased)
+            else:
+                steps = without_ramps(strip) if self._is_soft else strip
             least, most = (
                 extreme_around(steps[inner], 1, end) for end in (torch.minimum, torch.maximum)
             )
@@ -186,14 +186,24 @@ class Presence:
                 planes = Planes(lean, places, blocks.cpu(), BLOCK // step)
                 self.visible.lean(leaning.cpu(), planes)
         fill = frame.invented
-        self.behind, blocks = 0.0, blocks[:0]
-        around = _Around(blocks, tiles, [[] for _ in tiles])
-        if frame.edges:
-            blocks = self._behind(signed_radius)
-            around = self._around_behind(blocks)
-        self.hidden = Cover(
-            around, blocks.cpu(), fill.stride, fill.layers, fill.windows, fill.halvings
-        )
+        self.behind = 0.0
+        layers = self._behind(signed_radius) if frame.edges else []
+        self.hidden = [
+            Cover(
+                self._around_behind(blocks),
+                blocks.cpu(),
+                fill.stride,
+                fill.layers,
+                fill.windows,
+                fill.halvings,
+            )
+            for blocks in layers
+        ]
+
+    @property
+    def _is_soft(self) -> bool:
+        """Whether there are ramps of depth in the place of edges."""
+        return self.frame.mending.ramps or self.frame.mending.has_edges
 
     def _blocks(
         self, radius: Tensor, some: Tensor, step: int, stride: int, size: tuple[int, int]
@@ -216,8 +226,8 @@ class Presence:
         plan = visible_slices(blocks, fill.cells[:: fill.stride], tiles)
         return _Around(blocks.cpu(), tiles, plan)
 
-    def _behind(self, signed_radius: Pixels) -> Tensor:
-        """Blocks [K, rows, columns] in which what is invented has a rung, of those it uses.
+    def _behind(self, signed_radius: Pixels) -> list[Tensor]:
+        """Blocks [K, rows, columns] of each layer in which what is invented has a rung it uses.
 
         What is behind an edge is as wide as the radii differ: the greater, the coarser a sample
         shows it. Where it would still be too large, bands of tiles are looked at, and those between
@@ -231,24 +241,26 @@ class Presence:
         bands = max(1, math.ceil(H * W / step**2 / _SAMPLE_BEHIND))
         height = -(-H // bands // TILE) * TILE
         around = -(-math.ceil(2 * span) // BLOCK) * BLOCK
-        found: list[Tensor] = []
+        quality = self.frame.quality
+        found: list[list[Tensor]] = [[] for _ in range(quality.hidden_layers)]
         for top in range(0, H, height):
             looked_at = min(height, H - top, TILE if bands > 1 else H)
             above = min(top, around)
             wide = signed_radius[top - above : top + looked_at + around : step, ::step].detach()
-            small = without_ramps(wide / step)
+            small = without_ramps(wide / step) if self._is_soft else wide / step
             inner = slice(above // step, -(-(above + looked_at) // step))
-            behind = hidden_layer(small[None], small)
-            far, some = small * step, torch.zeros_like(small, dtype=torch.bool)
-            if behind:
-                far, some = behind.signed_radius * step, behind.mask
             share = min(height, H - top) / looked_at
-            self.behind += share * step**2 * int(some[inner].sum())
-            blocks = self._blocks(far[inner], some[inner], step, stride, (looked_at, W))
             rows = -(-min(height, H - top) // BLOCK)
-            found += [blocks] * (rows // blocks.shape[1])
-            found.append(blocks[:, : rows % blocks.shape[1]])
-        return torch.cat(found, 1)
+            layers = hidden_layers(small[None], small, further=quality.further)
+            for i, bands_of in enumerate(found):
+                far, some = small * step, torch.zeros_like(small, dtype=torch.bool)
+                if i < len(layers):
+                    far, some = layers[i].signed_radius * step, layers[i].mask
+                self.behind += share * step**2 * int(some[inner].sum())
+                blocks = self._blocks(far[inner], some[inner], step, stride, (looked_at, W))
+                bands_of += [blocks] * (rows // blocks.shape[1])
+                bands_of.append(blocks[:, : rows % blocks.shape[1]])
+        return [torch.cat(bands_of, 1) for bands_of in found]
 
 
 def _step(pixels: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 
@@ -14,6 +15,8 @@ class Quality:
         far_spacing: The same as a share of the radius, where that is more.
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
+        further: Greatest blur of what is invented behind something invented, as a multiple of the
+            blur of that; 0 for nothing. What is sharper shows most.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
         hidden_halvings: How many times the resolution of what is invented is halved.
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
@@ -28,12 +31,18 @@ class Quality:
     near_spacing: float
     far_spacing: float
     layer_ratio: float
+    further: float
     hidden_stride: int
     hidden_halvings: int
     least_slope: float
     full_resolution: float
     half_size: bool
     parts: int
+
+    @property
+    def hidden_layers(self) -> int:
+        """How many surfaces may be invented behind a pixel."""
+        return 2 if self.further else 1
 
     def in_cells(self) -> Quality:
         """The same settings in cells of two px."""
@@ -46,6 +55,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=1.5,
         far_spacing=0.2,
         layer_ratio=2.0,
+        further=0.0,
         hidden_stride=2,
         hidden_halvings=1,
         least_slope=0.2,
@@ -57,6 +67,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=0.75,
         far_spacing=0.12,
         layer_ratio=1.6,
+        further=1.0,
         hidden_stride=2,
         hidden_halvings=1,
         least_slope=0.1,
@@ -68,6 +79,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=0.75,
         far_spacing=0.06,
         layer_ratio=4 / 3,
+        further=math.inf,
         hidden_stride=1,
         hidden_halvings=0,
         least_slope=0.05,
@@ -79,6 +91,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=0.75,
         far_spacing=0.04,
         layer_ratio=1.2,
+        further=math.inf,
         hidden_stride=1,
         hidden_halvings=0,
         least_slope=0.02,

@@ -18,8 +18,9 @@ from defocus_core.filling import Filling, Hidden
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.fronts import Fronts
 from defocus_core.halving import axes
-from defocus_core.hidden import Behind, HiddenLayer, hidden_layer, told_apart
+from defocus_core.hidden import HiddenLayer, hidden_layers
 from defocus_core.highlights import split
+from defocus_core.known import Behind, told_apart
 from defocus_core.mixed import Unmixed, unmixed, whole
 from defocus_core.shifts import AROUND as AROUND_SHIFTS
 from defocus_core.shifts import Shifts
@@ -93,22 +94,26 @@ class Region:
         # nothing is invented where something is known
         self._culled: set[tuple[int, int]] = set()
         self._known: Filling | None = None
-        self._invented: Filling | None = None
+        self._invented: list[Filling] = []
         if beyond is not None:
-            hidden = hidden_layer(
+            layers = hidden_layers(
                 own.color,
                 signed_radius,
                 beyond,
                 outer,
                 self._inside,
+                further=frame.quality.further,
                 halvings=frame.invented.halvings,
             )
-            if hidden is not None and behind is not None:
+            known = None
+            if layers and behind is not None:
                 known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
-                known, hidden = told_apart(known, hidden, axes(frame.size, inner.top, inner.left))
-                self._known = self._filling(known, frame.known)
-            if hidden is not None:
-                self._invented = self._filling(hidden, frame.invented)
+                middle = axes(frame.size, inner.top, inner.left)
+                mask = told_apart(known, layers[0], middle)[0].mask
+                layers = [told_apart(known, layer, middle)[1] for layer in layers]
+                self._known = self._filling(known._replace(mask=mask), frame.known)
+            invented = [self._filling(layer, frame.invented) for layer in layers]
+            self._invented = [some for some in invented if some is not None]
         self._highlights = None
         if highlights and places is not None:
             aperture, parts, box = frame.aperture, frame.parts, core.seen_from(outer)
@@ -201,8 +206,14 @@ class Region:
         size = self._tiles[index][2:]
         blank = [layer.new_zeros(*layer.shape[:2], *size) for layer in firsts]
         fronts = Fronts(blank, self._full(index), doubt)
-        hidden = [some for some in (self._known, self._invented) if some and some.plan[index]]
+        hidden = [some for some in (self._known, *self._invented) if some and some.plan[index]]
         found: dict[int, Hidden] = {}
+
+        def seen_of(i: int) -> Hidden:
+            if i not in found:
+                found[i] = hidden[i].over_tile(index)
+            return found[i]
+
         for beyond in (False, True):
             fronts.add(
                 [
@@ -212,11 +223,17 @@ class Region:
             )
             for i, some in enumerate(hidden):
                 known = some is self._known
-                if fronts.are_full(known=known) or not (beyond or some.has_in_focus(index)):
+                if fronts.are_full(known=known):
                     continue
-                if i not in found:
-                    found[i] = some.over_tile(index)
-                fronts.fill(found[i].whole if beyond else found[i].in_focus, known=known)
+                if beyond:
+                    fronts.fill(seen_of(i).whole, known=known)
+                elif some.has(0, index):
+                    before = [
+                        seen_of(j).nearer
+                        for j, other in enumerate(hidden[:i])
+                        if other.has(-1, index) and (other is not self._known or frame.centre > 1)
+                    ]
+                    fronts.fill(seen_of(i).in_focus, known=known, before=before)
         self._culled |= {(id(some), index) for i, some in enumerate(hidden) if i not in found}
         return fronts
 
@@ -242,7 +259,7 @@ class Region:
 
     def counts(self) -> dict[str, int]:
         """What was computed, out of what a renderer that skips nothing would."""
-        tiles, hidden = len(self._tiles), [some for some in (self._known, self._invented) if some]
+        tiles, hidden = len(self._tiles), [some for some in (self._known, *self._invented) if some]
         visible = self._visible.surface.plan
         planned = [[self._frame.windows[rung] for rung in rungs] for rungs in visible]
         behind = [
@@ -261,7 +278,7 @@ class Region:
             if not any(window.margin for window in planned[i])
             and not any(some.windows[rung].margin for some in hidden for rung in some.plan[i])
         ]
-        invented = self._invented.plan if self._invented else []
+        invented = self._invented[0].plan if self._invented else []
         layers = list(zip(self._visible.pieces, self._tiles, strict=True))
         return {
             "pixels": sum(tile.area for tile in self._tiles),

@@ -14,7 +14,8 @@ from torch import Tensor
 from defocus_core.aperture import Aperture
 from defocus_core.assembly import assembled
 from defocus_core.guards import described, is_picture, numbers
-from defocus_core.hidden import Behind, HiddenLayer
+from defocus_core.hidden import HiddenLayer
+from defocus_core.known import Behind
 from defocus_core.modes import own_modes
 from defocus_core.picture import Picture
 from defocus_core.quality import find

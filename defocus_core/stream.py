@@ -15,7 +15,7 @@ from defocus_core.aperture import Aperture
 from defocus_core.assembly import total
 from defocus_core.frame import Frame
 from defocus_core.guards import whole
-from defocus_core.hidden import Behind
+from defocus_core.known import Behind
 from defocus_core.mending import Mending
 from defocus_core.modes import own_modes
 from defocus_core.picture import Picture

@@ -22,6 +22,8 @@ from defocus_core.tiling import Box
 MOST = 1e8
 # Share of a frame that edges may be: what is steep nearly everywhere is a surface.
 _EDGES = 0.25
+# Hard edges to a pixel on a ramp that make a surface of this one.
+_RARE = 16
 # Every how many rows and columns a pixel is looked at where some will do, and every how many rows
 # from either end of the frame.
 _SOME, _SOME_ROWS = 3, 6
@@ -32,12 +34,14 @@ class _Depth(NamedTuple):
 
     Attributes:
         ends: [4] least and greatest radius, greatest steps down and across.
-        ramps: [2] slope in px per px of the steepest one, and of the steepest soft edge.
+        softest: Slope in px per px of the steepest soft edge.
+        ramps: How many pixels lie on steep ramps, wide or not.
         levels: Of depth.
         averages: [2, 4], see there.
     """
 
     ends: Tensor
+    softest: Tensor
     ramps: Tensor
     levels: Levels
     averages: Tensor
@@ -165,31 +169,46 @@ def _depth_of(
         for step in (below.diff(dim=0), r.diff(dim=1))
     ]
     ends = torch.stack([*torch.aminmax(r), *steps])
-    ramps, averaged = ends.new_zeros(2), ends.new_zeros((2, 4), dtype=torch.float64)
+    softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
+    ramps = torch.zeros((), dtype=torch.long, device=r.device)
     if float(torch.maximum(*steps)) > LEAST:
         slope = steepness(around)
-        soft = softness(slope)[above : above + len(r)]
-        ramps = torch.stack([slope.amax(), soft.amax()])
+        softest = softness(slope)[above : above + len(r)].amax()
+        ramps = (slope[above : above + len(r)] > STEEP).sum()
         averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
     some = spread(H, _SOME_ROWS, *rows)
     levels = levels_of(r[some], below[1:][[i for i in some if i + 1 < len(below)]])
-    return _Depth(ends, ramps, levels, averaged)
+    return _Depth(ends, softest, ramps, levels, averaged)
 
 
 def _mending(signed_radius: Pixels, told: list[_Depth], infinity: float | None) -> Mending:
     """What all bands together need."""
     ends = torch.stack([depth.ends for depth in told])
-    steepest, softest = torch.stack([depth.ramps for depth in told]).amax(0).tolist()
+    softest = float(torch.stack([depth.softest for depth in told]).amax())
+    ramps = torch.stack([depth.ramps for depth in told]).sum()
     soft_edges = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
     soft = _mostly_soft(signed_radius, soft_edges) if softest > soft_edges else 0
     averaged = torch.stack([depth.averages for depth in told]).sum(0)
     antialiased = averaged_from(averaged, infinity, soft)
     return Mending(
         antialiased=antialiased,
-        ramps=steepest > STEEP,
+        ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
         soft_edges=soft_edges if soft and antialiased is None else None,
         terraces=are_few([depth.levels for depth in told]),
     )
+
+
+def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
+    """Whether pixels on steep ramps, of which there are some, stand for edges.
+
+    A few among many hard edges are surfaces, seen where they pass between two others.
+    """
+    hard, enough = 0, _RARE * pixels
+    for first, last in bands(*signed_radius.shape):
+        if hard <= enough and pixels:
+            around = signed_radius[max(0, first - 1) : last + 2]
+            hard += int(hard_steps(around, STEEP))
+    return pixels > 0 and hard <= enough
 
 
 def _few(brightness: Tensor, first: int) -> Tensor:

@@ -27,7 +27,7 @@ LAYERS = [
     {"detail", "filling", "fronts"},
     {"half_size"},
     {"blur", "frame"},
-    {"borders", "reduced"},
+    {"borders", "known", "reduced"},
     {"discs", "hidden", "surface", "windows"},
     {"backdrop", "shifts", "survey"},
     {"continuation", "mending", "transport", "view"},

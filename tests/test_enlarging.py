@@ -9,7 +9,8 @@ from test_stream import Windows, put_together, same
 from torch import Tensor
 
 from defocus_core import half_size, render
-from defocus_core.hidden import Behind, HiddenLayer
+from defocus_core.hidden import HiddenLayer
+from defocus_core.known import Behind
 from defocus_core.scenery import scenery
 from defocus_core.stream import Stream
 

@@ -13,7 +13,7 @@ from defocus_core.half_size import (
     radii_in_cells,
     surface_radii,
 )
-from defocus_core.hidden import Behind
+from defocus_core.known import Behind
 
 
 def noise(*size: int) -> Tensor:

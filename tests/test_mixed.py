@@ -37,6 +37,18 @@ def test_a_mixed_pixel_becomes_two_surfaces(alpha: float) -> None:
         assert worst(o.coverage, 1.0) == 0
 
 
+@pytest.mark.parametrize("alpha", [0.25, 0.4])
+def test_a_third_surface_beside_takes_no_part(alpha: float) -> None:
+    """A pixel of green, mixed with red, does not take the colour of what is between them below."""
+    image, radius = card(alpha)
+    green, dark = image[:, 0, -1].clone(), image[:, 0, -1] / 8
+    image[:, 16:, EDGE + 1 :], radius[16:, EDGE:] = dark[:, None, None], 0.0
+    image[:, 16:, EDGE] = (alpha * image[:, 0, 0] + (1 - alpha) * dark)[:, None]
+    o = unmixed(image, radius)
+    assert worst(o.color[:, :16, EDGE], green[:, None]) < 0.05
+    assert worst(o.color[:, 16:, EDGE], dark[:, None]) < 0.05
+
+
 @pytest.mark.parametrize("alpha", [0.0, 1.0])
 def test_a_clean_edge_is_left_alone(alpha: float) -> None:
     image, radius = card(alpha)

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from defocus_core import half_size
-from defocus_core.hidden import Behind, HiddenLayer
+from defocus_core.hidden import HiddenLayer
+from defocus_core.known import Behind
 from defocus_core.planning import plan
 from defocus_core.render import Rendering, render
 from defocus_core.scenery import scenery

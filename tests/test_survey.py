@@ -39,9 +39,20 @@ def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 4.0
     assert not survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
-    radius[row, 5] = 2.0  # in two steps
+    radius[row, 5::4] = 2.0  # in two steps
     assert survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
     assert survey(noise(3, *SIZE[::-1]), radius.T, torch.float32, 2).mending.ramps
+
+
+@pytest.mark.parametrize("row", [3, 254, 255, 256, 590])
+def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 4.0
+    radius[row, 5] = 2.0
+    for width, ramps in ((12, True), (24, False)):
+        few = radius[:, :width]
+        assert survey(noise(3, *few.shape), few, torch.float32, 1).mending.ramps == ramps
+        assert survey(noise(3, *few.T.shape), few.T, torch.float32, 2).mending.ramps == ramps
 
 
 def test_brightness_is_that_of_the_brightest_channel() -> None:
