@@ -79,6 +79,8 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     if not bool(given.share.any()):
         return found
     own = doubled(given.cells, part)[..., :height, :width]
+    # what is hidden shows there, too, and has no detail
+    shown = torch.minimum(shown, given.share)
     visible = smooth(torch.cat([given.share[None], shown])[None], part)[0, :, :height, :width]
     seen = visible[1:] / visible[:1].clamp(min=_LEAST)
     pixels, r, blurred = given.pixels, given.signed_radius, found[0]

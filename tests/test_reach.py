@@ -115,6 +115,13 @@ def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(quality: str)
     assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < 0.15
 
 
+def test_beside_a_wire_a_draft_has_no_line() -> None:
+    """What is in focus is as it was only where it is seen, not where it shows behind a wire."""
+    image, radius = crossing()
+    wall = render(image, radius, quality="draft").render[0, 8:26, :38]
+    assert wall.diff(dim=1).abs().max() < 0.1
+
+
 @pytest.mark.parametrize("kind", ["street", "random"])
 def test_how_far_an_edge_shows_is_the_greatest_cone(kind: str) -> None:
     radius = street()[1] if kind == "street" else random_radius(SIZE)
