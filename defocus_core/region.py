@@ -197,7 +197,8 @@ class Region:
 
         What is visible counts first, for it is known; and its share is right in the mean where
         surfaces out of focus cover each other by chance. But what is in focus occludes exactly:
-        where it goes on behind something nearer, nothing beyond focus is seen.
+        where it goes on behind something nearer, nothing beyond focus is seen; and it is seen only
+        where nothing out of focus is invented between.
         """
         frame = self._frame
         doubt = _DOUBT * frame.quality.least_slope if frame.mending.terraces else None
@@ -231,7 +232,7 @@ class Region:
                     before = [
                         seen_of(j).nearer
                         for j, other in enumerate(hidden[:i])
-                        if other.has(-1, index) and (other is not self._known or frame.centre > 1)
+                        if other is not self._known and other.has(-1, index)
                     ]
                     fronts.fill(seen_of(i).in_focus, known=known, before=before)
         self._culled |= {(id(some), index) for i, some in enumerate(hidden) if i not in found}
