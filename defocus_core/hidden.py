@@ -4,7 +4,8 @@ Neighbouring pixels whose radii differ by more than one px hold a depth edge: wi
 from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.
 From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
 is continued by the colour and radius of what lies farther, near by first, and along the lines that
-lead there.
+lead there. Behind what is so invented the same is asked once more: where two wires cross before a
+wall, the farther one goes on behind the nearer one, and the wall behind both.
 """
 
 from __future__ import annotations
