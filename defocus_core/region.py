@@ -105,13 +105,12 @@ class Region:
                 further=frame.quality.further,
                 halvings=frame.invented.halvings,
             )
-            known = None
             if layers and behind is not None:
                 known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
                 middle = axes(frame.size, inner.top, inner.left)
-                mask = told_apart(known, layers[0], middle)[0].mask
-                layers = [told_apart(known, layer, middle)[1] for layer in layers]
-                self._known = self._filling(known._replace(mask=mask), frame.known)
+                told = [told_apart(known, layer, middle) for layer in layers]
+                self._known = self._filling(told[0][0], frame.known)
+                layers = [needed for _, needed in told]
             invented = [self._filling(layer, frame.invented) for layer in layers]
             self._invented = [some for some in invented if some is not None]
         self._highlights = None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import pair
+from command_line import Ran, pair, render
 
 from defocus_cli import here, identity
 from defocus_cli.batch_options import Crew
@@ -39,6 +39,19 @@ def jobs_file(folder: Path, *stems: str, text: str = JOBS) -> Path:
     path = folder / "jobs.toml"
     path.write_text(text)
     return path
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """Directories of three pictures."""
+    for stem in "abc":
+        color, depth = pair(tmp_path, stem)
+    return color.parent, depth.parent
+
+
+def again(folders: tuple[Path, Path], out: Path, *args: str) -> Ran:
+    """The CoC of these pictures, whatever was done before."""
+    return render(*folders, "-o", out, "--outputs", "coc", *args)
 
 
 def records(out: Path, name: str = "journal.jsonl") -> list[dict[str, Any]]:

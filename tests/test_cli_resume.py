@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batches import in_process, records
+from batches import again, folders, in_process, records
 from command_line import (
-    Ran,
     color_exr,
     depth_exr,
     files_under,
@@ -26,7 +25,7 @@ from command_line import (
 
 from defocus_cli import engine, here
 
-__all__ = ["in_process"]
+__all__ = ["folders", "in_process"]
 Computed = list[str]
 
 
@@ -42,18 +41,6 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> Computed:
 
     monkeypatch.setattr(engine, "compute", counted)
     return names
-
-
-@pytest.fixture
-def folders(tmp_path: Path) -> tuple[Path, Path]:
-    """Directories of three pictures."""
-    for stem in "abc":
-        color, depth = pair(tmp_path, stem)
-    return color.parent, depth.parent
-
-
-def again(folders: tuple[Path, Path], out: Path, *args: str) -> Ran:
-    return render(*folders, "-o", out, "--outputs", "coc", *args)
 
 
 def test_what_was_done_is_skipped_and_told(
@@ -296,31 +283,6 @@ def test_what_failed_is_tried_again(
     (folders[1] / "b.exr").write_bytes(good)
     assert again(folders, out).code == 0
     assert computed == ["a", "c", "b"]
-
-
-def test_a_preview_goes_with_the_picture_that_it_shows(
-    folders: tuple[Path, Path], out: Path
-) -> None:
-    previews = [out / "coc" / f"{stem}.preview.png" for stem in "abc"]
-    again(folders, out, "--preview")
-    assert again(folders, out).code == 0
-    assert all(map(Path.exists, previews)), "they show what is there"
-    previews[1].write_bytes(b"somebody's own")
-    ran = again(folders, out, "--fnumber", "4")
-    assert [path.exists() for path in previews] == [False, True, False]
-    assert "removed 2 previews of pictures that were replaced" in ran.err
-    assert "removed" not in again(folders, out, "--overwrite").err
-
-
-def test_a_map_of_other_settings_beside_a_new_picture_is_told(
-    folders: tuple[Path, Path], out: Path
-) -> None:
-    args = (*folders, "-o", out, "--outputs")
-    render(*args, "disparity,coc")
-    assert "warning" not in render(*args, "coc", "--overwrite").err
-    ran = render(*args, "coc", "--fnumber", "4")
-    assert f"{out / 'disparity' / 'a.exr'} and 2 more: warning: not replaced, of other" in ran.err
-    assert (out / "disparity" / "a.exr").exists()
 
 
 @pytest.mark.usefixtures("in_process")

@@ -1,0 +1,85 @@
+"""A lens that makes no sense, in a file or in options, ends in one line that says what would do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command_line import depth_exr, ramp, refused, refused_input, render, run
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"\x93NUMPY\x01\xff\xfe", "is not a text file"),
+        (b"PK\x03\x04\0\0", "is not a lens file"),
+        (b"\xff\xfef\0n\0", "is not a text file"),
+        (b"[" * 100_000, "is not TOML"),
+        (b"fnumber = " + b"9" * 5000, "is not TOML"),
+        (b"#" * (2**20 + 1), "is not a lens file"),
+    ],
+)
+def test_a_lens_file_of_anything_else(
+    data: bytes, words: str, tmp_path: Path, color: Path, depth: Path, out: Path
+) -> None:
+    path = tmp_path / "lens.toml"
+    path.write_bytes(data)
+    refused_input(run("render", color, depth, "-o", out, "--lens", path), path, words)
+
+
+def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, out: Path) -> None:
+    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
+    for path in (color, color.parent):
+        refused_input(run("render", color, depth, "-o", out, "--lens", path), path, remedy)
+    missing = color.parent / "none.toml"
+    refused_input(
+        run("render", color, depth, "-o", out, "--lens", missing), missing, "No such file"
+    )
+
+
+def test_a_key_misspelt_in_a_lens_file(color: Path, depth: Path, out: Path) -> None:
+    for key in ("focal-lenght", "focal_length", "Focal-Length"):
+        path = color.with_name("lens.toml")
+        path.write_text(f'{key} = "50mm"\n')
+        words = f"{path}: unknown key '{key}'; did you mean focal-length?"
+        refused(run("render", color, depth, "-o", out, "--lens", path), 2, words)
+
+
+def test_a_length_without_unit(color: Path, depth: Path, out: Path) -> None:
+    ran = render(color, depth, "-o", out, "--focus", "2")
+    refused(ran, 2)
+    line = "defocus: --focus: '2' has no unit; write it with a unit, like 2m or 50mm\n"
+    assert ran.err == line
+    assert not out.exists()
+
+
+def test_focus_nearer_than_the_focal_length(color: Path, depth: Path, out: Path) -> None:
+    ran = render(color, depth, "-o", out, "--focus", "30mm")
+    refused(ran, 2, "defocus: --focus: 30mm", "focal length 50mm")
+
+
+def test_a_blur_beyond_all_numbers(color: Path, depth: Path, out: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1e-300", "--focus", "2m")
+    told = ("defocus: --fnumber: f/1e-300 blurs beyond all numbers", "; check the lens options")
+    refused(run("render", color, depth, "-o", out, *lens), 2, *told)
+    assert not out.exists()
+    refused(run("info", depth, *lens), 2, *told)
+
+
+def test_focus_at_a_depth_nearer_than_the_focal_length(
+    tmp_path: Path, color: Path, out: Path
+) -> None:
+    near = depth_exr(tmp_path / "near.exr", ramp() / 100)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "0,0")
+    ran = run("render", color, near, "-o", out, *lens)
+    refused(ran, 2, "defocus: --focus-at: ", str(near), "10mm", "focal length 50mm")
+
+
+@pytest.mark.parametrize("pixel", ["24,0", "0,16", "-1,0"])
+def test_focus_at_a_pixel_outside_the_image(
+    pixel: str, color: Path, depth: Path, out: Path
+) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", pixel)
+    ran = run("render", color, depth, "-o", out, *lens)
+    refused(ran, 2, "defocus: --focus-at: ", "24x16", "X from 0 to 23 and Y from 0 to 15")
+    assert not out.exists()
