@@ -16,9 +16,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.neighbours import extreme_around, squares_around, steps_beside
+from defocus_core.ties import halfway
 
 # Range of radius in px, within 3 px of each other, that matters.
-_MATTERS = 1.0
+_MATTERS = 1.013
 # Px around an edge in which both surfaces are seen, and rounds in which averages become theirs.
 _BESIDE, _ROUNDS = 3, 2
 # A step that goes on by as much of itself is a slope: its pixels are no averages.
@@ -99,7 +100,7 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
         own, least, most = values[index], *torch.aminmax(values[around.flatten(1)], dim=1)
         beside = values[next_to]
         (near, first), (far, last) = beside.min(1), beside.max(1)
-        is_near = own - near <= far - own
+        is_near = own <= halfway(near, far)
         step = torch.where(is_near, own - near, far - own)
         further = torch.where(is_near, near - least, most - far)
         place = next_to.gather(1, torch.where(is_near, first, last)[:, None])[:, 0]

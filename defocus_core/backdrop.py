@@ -23,14 +23,15 @@ from defocus_core.tiling import Box
 from defocus_core.transport import structure
 
 # Edges of radius, in px per pixel, above which one surface hides another.
-_EDGE = 1.0
+EDGE = 1.013
 # By how much a pixel beside a nearer one counts: it may show a part of that.
 _MIXED = 0.25
 # Rows of a quarter of the resolution, and pixels of the whole one, that are made at once at most;
 # and rows around them that these depend on.
 _BAND, _PIXELS, _AROUND = 32, 1 << 20, 2
-# Levels are made until a cell is this many times as wide as radii differ.
-_WIDER = 2.0
+# Levels are made until a cell is this many times as wide as radii differ; no round number, so that
+# rounding decides nothing.
+_WIDER = 1.99
 
 
 class Backdrop(NamedTuple):
@@ -136,6 +137,6 @@ def _beside_edges(r: Tensor) -> Tensor:
     found = []
     for dim, stride in ((0, r.shape[1]), (1, 1)):
         step = r.diff(dim=dim)
-        row, column = torch.nonzero(step.abs() > _EDGE).unbind(1)
+        row, column = torch.nonzero(step.abs() > EDGE).unbind(1)
         found.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
     return torch.cat(found)

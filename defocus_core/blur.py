@@ -153,10 +153,14 @@ class Blur:
             made = self._blurred(sliced, piece, index) if piece.window.margin else None
             seen = piece.patch.seen
             box = seen.seen_from(tile)
+            layers = made or self._sharp(sliced, piece)
             moved = None
             if shifts is not None and piece.near:
-                moved = box.of(shifts) * sliced.surface.shares(piece.rungs, seen)
-            for some, layer in zip(shown, made or self._sharp(sliced, piece), strict=True):
+                # what a part does not see is not moved in it
+                held = sliced.surface.shares(piece.rungs, seen)
+                held = torch.minimum(held, layers[-1][:, -1:].clamp(min=0))
+                moved = box.of(shifts) * held
+            for some, layer in zip(shown, layers, strict=True):
                 some[piece.number] = Shown(box, layer, moved if some is shown[-1] else None)
         return shown
 

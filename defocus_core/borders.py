@@ -24,15 +24,27 @@ _LEAST_SHARE = 0.01
 _STEPS = 1024
 
 
-def px_from_borders(box: Box, size: tuple[int, int], device: torch.device) -> Tensor:
-    """Px [h, w] between each pixel of a box and the nearest border of a frame: 0 beside it."""
+def share_observed(covered: Tensor, expected: Tensor, box: Box, size: tuple[int, int]) -> Tensor:
+    """The share of parts of the aperture [m, h, w] that looks at a frame.
+
+    It is what geometry says; and what is covered, beside a border, where geometry is not asked.
+
+    Args:
+        covered: [m, h, w], of the parts.
+        expected: [m, h, w], from `share_in_frame`.
+        box: Where in the frame this is.
+        size: (height, width) of the frame.
+    """
     down, across = (
         torch.minimum(at, length - 1 - at)
         for at, length in zip(
-            (torch.arange(s.first, s.end, device=device) for s in box.sides), size, strict=True
+            (torch.arange(s.first, s.end, device=covered.device) for s in box.sides),
+            size,
+            strict=True,
         )
     )
-    return torch.minimum(down[:, None], across)
+    beside = torch.minimum(down[:, None], across) < _TO
+    return torch.where(beside, torch.minimum(covered, expected), expected)
 
 
 def share_in_frame(

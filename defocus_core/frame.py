@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 
 from defocus_core.aperture import LEFT, RIGHT, Aperture, Part, part_area, parts
+from defocus_core.backdrop import EDGE
 from defocus_core.convolution import reach
 from defocus_core.hidden import px_around
 from defocus_core.highlights import reached_by, threshold
@@ -155,7 +156,7 @@ def frame_of(
     limit = threshold(seen.brightness, seen.brightest)
     dtype = torch.float64 if _needs_double(seen, limit) else dtype
     grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
-    edges = max(seen.steepest) > 1 or seen.mending.antialiased is not None
+    edges = max(seen.steepest) > EDGE or seen.mending.antialiased is not None
     halvings = 0 if num_layers or not edges else quality.hidden_halvings
     spreads = _spreads(radii, numbers, quality, (H, W), 0)
     coarse = _spreads(radii, numbers, quality, (H, W), halvings)

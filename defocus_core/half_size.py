@@ -18,9 +18,10 @@ from defocus_core.halving import halved
 from defocus_core.known import Behind
 from defocus_core.source import Pixels, bands
 from defocus_core.threads import threaded
+from defocus_core.ties import halfway
 
 # Px of radius by which the pixels of a cell may differ and still show one surface.
-_STEEP = 1.0
+_STEEP = 1.013
 # How many times as bright as the others together a pixel of a cell is that gives its radius.
 _BRIGHTER = 4.0
 # Cells that are kept in memory of a picture that is not.
@@ -153,7 +154,7 @@ def _of_most(radii: Tensor, share: Tensor) -> Tensor:
     """
     least = torch.where(share > 0, radii, torch.inf).amin(0).detach()
     most = torch.where(share > 0, radii, -torch.inf).amax(0).detach()
-    near = share * (radii <= (least + most) / 2)
+    near = share * (radii <= halfway(least, most))
     larger = torch.where(2 * near.sum(0) >= share.sum(0), near, share - near)
     chosen = torch.where(most - least > _STEEP, larger, share)
     return (radii * chosen).sum(0) / chosen.sum(0).clamp(min=1)

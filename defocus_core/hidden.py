@@ -21,17 +21,18 @@ from defocus_core.continuation import Asked, continued, nearby
 from defocus_core.halving import Axis
 from defocus_core.reach import DECAY, STEP
 from defocus_core.sheets import Level, coarser, pixels_of
+from defocus_core.ties import halfway
 from defocus_core.tiling import Box
 from defocus_core.transport import FARTHEST, transported
 from defocus_core.view import View, half_view, whole_view
 
 # Where between a near and a far radius the border is that tells them apart: where the far one is
 # shown with more than half of its distance left, and where with less.
-_BETWEEN, _NEARER = 0.375, 0.175
+_BETWEEN, _NEARER = 0.377, 0.177
 # Px of reach that are spent up to which lines go on behind an edge.
-_LINES = 20.0 * DECAY
+_LINES = 20.1 * DECAY
 # The same up to which something may be next to a pixel.
-_CLOSE = 4.0 * DECAY
+_CLOSE = 4.1 * DECAY
 # Resolutions, a quarter and less, that decide the direction of lines together.
 _DIRECTIONS = 3
 # Px on a side of the widest of the cells in which pixels are put together, or more.
@@ -281,5 +282,5 @@ def _border(near: Tensor, far: Tensor, shown: Tensor) -> Tensor:
     towards it, like the top of a box seen from above: it hides nothing of itself, and a border but
     a little above the near radius would take its far end for what is hidden.
     """
-    lasting = shown - near > (far - near) / 2
+    lasting = shown > halfway(near, far)
     return near + (far - near) * torch.where(lasting, _BETWEEN, _NEARER).to(near)

@@ -15,20 +15,27 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.neighbours import extreme_around
+from defocus_core.neighbours import extreme_around, squares_around
+from defocus_core.ties import halfway
 
 # Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
-_EDGE = 1.5
+_EDGE = 1.513
 # Range of two neighbours beyond which one hides the other; less is a slope.
-_STEP = 1.0
+_STEP = 1.013
 # Px to each side of a pixel from which the two surfaces are known.
 _AROUND = 2
+_MIDDLE = (2 * _AROUND + 1) ** 2 // 2
 # How far, as a share of coverage, a pixel is expected to deviate from one whole surface.
 _EXPECTED = 0.05
 # The least deviation that is believed; greater ones are believed the more the greater they are.
 _CLEAR = 0.1
+# Squares of deviations from its own surface, summed, up to which no pixel is clearly mixed: with
+# evidence e it deviates by d √e / (1 / _EXPECTED² + e) at most, where d² is up to twice that.
+_UNLIKE = 2 * (_CLEAR / _EXPECTED) ** 2 * 0.99
 # The least deviation of colours of one surface, as a share of them.
 _LEAST_DEVIATION = 0.01
+# The same as a share of the brightest channel: less may be rounding.
+_ROUNDING = 1e-4
 # Pixels taken apart at once: bounds memory.
 _PIXELS = 1 << 12
 
@@ -78,7 +85,7 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     places = torch.nonzero(edge)
     if not len(places):
         return whole(image, signed_radius)
-    border = (nearest + farthest) / 2
+    border = halfway(nearest, farthest)
     found = [
         _taken_apart(image, signed_radius, edge, border, at) for at in torch.split(places, _PIXELS)
     ]
@@ -122,27 +129,20 @@ def _taken_apart(
     Returns:
         Place, colour and coverage of pixels; place, layer and radius of the fringe in them.
     """
-    H, W = edge.shape
-    offset = torch.arange(-_AROUND, _AROUND + 1, device=at.device)[:, None]
-    rows, columns = (at[:, 0] + offset).clamp_(0, H - 1), (at[:, 1] + offset).clamp_(0, W - 1)
-    place = (rows[:, None] * W + columns).flatten(0, 1)  # [25, n]
-    spots = place.flatten()
-    radii, alone = (
-        x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, ~edge)
-    )
-    is_near = radii.detach() < border[at[:, 0], at[:, 1]]
-    squares = (offset * offset + (offset * offset).T).flatten().to(image.dtype)
-    nearness = torch.exp(-squares / 4)[:, None] * alone
-    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
-    values = torch.cat([colors, colors * colors, radii[None]])  # [2 C + 1, 25, n]
-    middle = len(place) // 2
-    # on the pixel's own side, a third surface takes no part
-    own = (radii - radii[middle]).detach().abs() <= _EDGE
+    around = _around(image, signed_radius, edge, border, at)
+    own = _side(around, around.nearness * around.own())
+    some = torch.nonzero(own.known & (_deviation(around.color, own) > _UNLIKE))[:, 0]
+    around = around.some(some)
+    step = _has_step(around.radii.detach())
+    at, own = at.index_select(0, some), _Side(*(each.index_select(0, some) for each in own))
+    own_near, color = around.is_near[_MIDDLE], around.color
+    other = _side(around, around.nearness * (around.is_near != own_near))
+    thin = own.known & ~own_near & ~other.known
+    other = _with_thin(own, other, around, thin)
     near, far = (
-        _side(values, nearness * (side & (own | ~side[middle]))) for side in (is_near, ~is_near)
+        _Side(*(_chosen(side, *pair) for pair in zip(own, other, strict=True)))
+        for side in (own_near, ~own_near)
     )
-    near, thin = _with_thin(near, far, values, torch.exp(-squares / 4)[:, None] * is_near)
-    own_near, color = is_near[middle], colors[:, middle].T
     alpha = _mixture(color, near, far, own_near.to(color.dtype))
     alpha = torch.where(own_near, alpha.clamp(0.5, 1), alpha.clamp(0, 0.5))[:, None]
     weights = (alpha * near.variance, (1 - alpha) * far.variance)
@@ -155,12 +155,63 @@ def _taken_apart(
     )
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
-    known = near.known & far.known & ~(thin & own_near) & _has_step(radii.detach())
+    known = near.known & far.known & step
     own_color = torch.where(own_near[:, None], near_color, far_color)[known]
     coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
     behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
     fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
     return at[known], own_color, coverage, at[behind], fringe[behind], near.signed_radius[behind]
+
+
+class _Around(NamedTuple):
+    """The 25 pixels around each of n.
+
+    Attributes:
+        colors: [C, 25, n].
+        radii: [25, n] px.
+        is_near: [25, n] bool, whether they are of the nearer one of two surfaces.
+        nearness: [25, n], by how much they count: 0 on an edge.
+    """
+
+    colors: Tensor
+    radii: Tensor
+    is_near: Tensor
+    nearness: Tensor
+
+    @property
+    def color(self) -> Tensor:
+        """[n, C] of the pixels themselves."""
+        return self.colors[:, _MIDDLE].T
+
+    def own(self) -> Tensor:
+        """[25, n] bool, those of the surface of the pixel itself; a third takes no part."""
+        like = (self.radii - self.radii[_MIDDLE]).detach().abs() <= _EDGE
+        return like & (self.is_near == self.is_near[_MIDDLE])
+
+    def some(self, index: Tensor) -> _Around:
+        """Those of some pixels."""
+        return _Around(*(each.index_select(-1, index) for each in self))
+
+
+def _around(
+    image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
+) -> _Around:
+    """What lies around pixels at [n, 2]; the border tells near from far."""
+    place = squares_around(at, (edge.shape[0], edge.shape[1]), _AROUND).flatten(1).T.contiguous()
+    spots = place.flatten()
+    radii, on_edge = (
+        x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, edge)
+    )
+    is_near = radii.detach() < border[at[:, 0], at[:, 1]]
+    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
+    return _Around(colors, radii, is_near, _closeness(image) * ~on_edge)
+
+
+def _closeness(like: Tensor) -> Tensor:
+    """By how much pixels around another count, [25, 1]."""
+    offset = torch.arange(-_AROUND, _AROUND + 1, device=like.device)
+    squares = (offset * offset + (offset * offset)[:, None]).flatten()
+    return torch.exp(squares.to(like.dtype) / -4)[:, None]
 
 
 def _has_step(radii: Tensor) -> Tensor:
@@ -170,40 +221,50 @@ def _has_step(radii: Tensor) -> Tensor:
     return torch.maximum(*steps) > _STEP
 
 
-def _with_thin(near: _Side, far: _Side, values: Tensor, weight: Tensor) -> tuple[_Side, Tensor]:
-    """The near side, of all of its pixels where each is on an edge, and [n] bool where that is so.
+def _with_thin(far: _Side, near: _Side, around: _Around, thin: Tensor) -> _Side:
+    """The near side, where it is thin of all of its pixels: each is on an edge.
 
     These may be mixed, too, but along the same line of colours: what they hold beside the far
     side's colour is what the pixels beside hold of it.
 
     Args:
-        near: Without.
         far: The other.
-        values: As for `_side`.
-        weight: [25, n], of all of its pixels.
+        near: Without.
+        around: The pixels of both.
+        thin: [n] bool.
     """
-    some = torch.nonzero(~near.known & far.known)[:, 0]
-    thin = torch.zeros_like(near.known).index_fill(0, some, True)
-    mixed = _side(values[..., some], weight[:, some])._replace(variance=far.variance[some])
-    found = (each.index_copy(0, some, other) for each, other in zip(near, mixed, strict=True))
-    return _Side(*found), thin
+    some = torch.nonzero(thin)[:, 0]
+    if not len(some):
+        return near
+    few = around.some(some)
+    mixed = _side(few, _closeness(few.radii) * few.is_near)._replace(variance=far.variance[some])
+    return _Side(
+        *(each.index_copy(0, some, other) for each, other in zip(near, mixed, strict=True))
+    )
 
 
-def _side(values: Tensor, weight: Tensor) -> _Side:
-    """The surface of some of the pixels around others.
-
-    Args:
-        values: [2 C + 1, 25, n] colour, its square, radius.
-        weight: [25, n], 0 where it is another surface.
-    """
+def _side(around: _Around, weight: Tensor) -> _Side:
+    """The surface of some of the pixels around others; of weight [25, n], 0 if of another one."""
     total = weight.sum(0)
-    means = ((values * weight).sum(1) / torch.where(total > 0, total, 1.0)).T
-    C = means.shape[1] // 2
-    mean, radius = means[:, :C], means[:, -1]
-    tiny = torch.finfo(mean.dtype).tiny ** 0.5
-    spread = (means[:, C:-1] - mean * mean).clamp(min=0)
-    variance = spread + (_LEAST_DEVIATION * mean) ** 2 + tiny
-    return _Side(mean, variance, radius, total > 0)
+    share = weight / torch.where(total > 0, total, 1.0)
+    mean, radius = (around.colors * share).sum(1), (around.radii * share).sum(0)
+    off = around.colors - mean[:, None]
+    spread = (off * off * share).sum(1)
+    brightest = torch.maximum(mean, around.colors[:, _MIDDLE]).amax(0).clamp(min=0)
+    least = torch.maximum(_LEAST_DEVIATION * mean, _ROUNDING * brightest)
+    variance = spread + least * least + torch.finfo(mean.dtype).tiny ** 0.5
+    return _Side(mean.T, variance.T, radius, total > 0)
+
+
+def _deviation(color: Tensor, side: _Side) -> Tensor:
+    """By how many deviations, squared and summed over channels, colours [n, C] are off: [n]."""
+    off = (color - side.mean).detach()
+    return (off * off / side.variance.detach()).sum(1)
+
+
+def _chosen(first: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    """Of each pixel the one or the other, [n] or [n, C]."""
+    return torch.where(first if a.dim() == 1 else first[:, None], a, b)
 
 
 def _within(side: _Side, mixed: Tensor, color: Tensor) -> Tensor:

@@ -33,7 +33,7 @@ _WIDE = 16
 # Px of overlap of strips: soft edges are as wide as that.
 _OVERLAP = 12
 # Range of radii in px, among a pixel and its neighbours, on an edge.
-_EDGE = 1.5
+_EDGE = 1.513
 
 
 class _Around(NamedTuple):

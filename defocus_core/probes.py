@@ -65,6 +65,20 @@ def strips(size: tuple[int, int] = SIZE) -> Tensor:
     return values[torch.arange(size[1]) * 4 // size[1]].expand(size).clone()
 
 
+def levels(size: tuple[int, int] = SIZE) -> Tensor:
+    """Radii of two dozen cards over each other, from -8 to 8 px in steps of 1.6: [H, W]."""
+    generator = torch.Generator().manual_seed(2)
+
+    def some(below: int, count: int = 1) -> list[int]:
+        return torch.randint(below, (count,), generator=generator).tolist()
+
+    radius = torch.full(size, 8.0, dtype=torch.float64)
+    for level in some(11, 24):
+        (top,), (left,), (height, width) = some(size[0]), some(size[1]), some(50, 2)
+        radius[top : top + height + 1, left : left + width + 1] = 1.6 * level - 8
+    return radius
+
+
 def noise(size: tuple[int, int] = SIZE) -> Tensor:
     """Independent radii from -9 to 9 px: [H, W]."""
     generator = torch.Generator().manual_seed(0)
@@ -82,6 +96,23 @@ def card(
     background = torch.full((3, H, W), 0.3, dtype=torch.float64) if plain else 0.6 * waves(size)
     radius = torch.where(on_card, card_r, background_r).to(torch.float64)
     return Scene(torch.where(on_card, tint, background), radius)
+
+
+def scenes() -> list[Scene]:
+    """A slope through focus, and cards before and behind it."""
+    return [
+        Scene(waves(), slope()),
+        card(-7.0, 0.0),
+        card(0.0, 7.0),
+        card(-5.0, 6.0),
+    ]
+
+
+def rounded(values: Tensor) -> Tensor:
+    """Values of which the last bit is another, up or down at random; but equal ones stay equal."""
+    different, number = torch.unique(values, return_inverse=True)
+    ways = torch.randint(2, different.shape, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    return torch.nextafter(different, ways * torch.full_like(different, torch.inf))[number]
 
 
 def worst(difference: Tensor) -> float:

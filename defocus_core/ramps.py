@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.neighbours import squares_around
+from defocus_core.ties import halfway
 
 # Slope in px per px, on both sides of a pixel, of a ramp.
-STEEP = 1.5
+STEEP = 1.513
 # Px over which the ends of a ramp are looked for.
 _WIDEST = 10
 # Px around a pixel that decide what it becomes.
@@ -37,7 +38,7 @@ def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
         near = near.index_copy(0, index, near[around].min(1).values)
         far = far.index_copy(0, index, far[around].max(1).values)
     own, low, high = radii[index], near[index], far[index]
-    radii = radii.index_copy(0, index, torch.where(own - low < high - own, low, high))
+    radii = radii.index_copy(0, index, torch.where(own < halfway(low, high), low, high))
     return radii.reshape(H, W)
 
 

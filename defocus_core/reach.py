@@ -20,11 +20,11 @@ from defocus_core.tiling import Box
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
-STEP = 0.51
+STEP = 0.513
 # Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
 DECAY = 0.70710678
 # Where between the radii of the surface that is continued and of the farthest one the ceiling is.
-_CEILING = 0.5
+_CEILING = 0.497
 # Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
 _FINEST = -4
 _LEVELS = 13

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from defocus_core.backdrop import Backdrop
 from defocus_core.blur import Blur, Sliced
-from defocus_core.borders import px_from_borders, share_in_frame
+from defocus_core.borders import share_in_frame, share_observed
 from defocus_core.compositing import add_light, pair_of, picture
 from defocus_core.discs import draw
 from defocus_core.filling import Filling, Hidden
@@ -80,7 +80,7 @@ class Region:
         )
         pixels, highlights = split(pixels, signed_radius, frame.limit)
         self._in_frame: list[Tensor] | None = None  # what parts of the aperture see of it
-        if frame.edges and not self._is_inside(core):
+        if not self._is_inside(core):
             radius = core.seen_from(outer).of(signed_radius)
             self._in_frame = [
                 share_in_frame(
@@ -176,20 +176,23 @@ class Region:
     def _trust(self, covered: Tensor, invented: Tensor | None, index: int) -> Tensor:
         """The share of the aperture that saw the scene, [1, 1, h, w].
 
-        Of what m parts covered [m, h, w] what is not invented; as far from the border as light
-        reaches at most, times what they covered: the rest lies outside the frame.
+        Of what m parts covered [m, h, w] what is not invented, times what of them looks into the
+        frame.
         """
         observed = covered if invented is None else covered - invented
-        if len(covered) > 1:
-            weights = observed.new_tensor(self._frame.weights[: self._frame.centre])[:, None, None]
-            covered, observed = ((x * weights).sum(0) / weights.sum() for x in (covered, observed))
-        else:
-            covered, observed = covered[0], observed[0]
-        box, share = self._tiles[index], observed / covered
-        if not self._is_inside(box):
-            away = px_from_borders(box, self._frame.size, covered.device)
-            share = share * torch.where(away >= self._frame.farthest, 1.0, covered)
+        share, box = self._mean(observed) / self._mean(covered), self._tiles[index]
+        if self._in_frame is not None and not self._is_inside(box):
+            expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
+            within = share_observed(covered, expected[:, 0], box, self._frame.size)
+            share = share * self._mean(within)
         return share.clamp(0, 1)[None, None]
+
+    def _mean(self, parts: Tensor) -> Tensor:
+        """Of what m parts of the aperture see for the centre image, [m, h, w]."""
+        if len(parts) == 1:
+            return parts[0]
+        weights = parts.new_tensor(self._frame.weights[: self._frame.centre])[:, None, None]
+        return (parts * weights).sum(0) / weights.sum()
 
     def _fronts(self, index: int) -> Fronts:
         """What the parts of the aperture see of a tile.
@@ -252,7 +255,7 @@ class Region:
     def _full(self, index: int) -> list[Tensor | float]:
         """What is covered at most in a tile, for each group."""
         tile = self._tiles[index]
-        if self._in_frame is None or self._is_inside(tile):
+        if self._in_frame is None or not self._frame.edges or self._is_inside(tile):
             return [1.0 for _ in self._frame.groups]
         here = tile.seen_from(self._tiles[0])
         return [here.of(share) for share in self._in_frame]

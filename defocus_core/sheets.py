@@ -18,7 +18,7 @@ from defocus_core.halving import Axis, Halves, extended, halved, halves, pulled
 
 # Px of radius that are one surface: in a cell of two by two pixels, and how many times more at each
 # further level.
-_ALIKE, _MORE = 1.0, 1.5
+_ALIKE, _MORE = 1.013, 1.5
 # Cells on edges that are taken apart at once: bounds memory.
 _CELLS = 1 << 12
 

@@ -31,7 +31,7 @@ AROUND = 2
 # Centroids less far than this above or below the middle of the lens are level with it.
 _LEVEL = 1e-6
 # Neighbours whose radii differ by less, in px, are of the same surface.
-_SAME = 0.5
+_SAME = 0.513
 
 
 @lru_cache(maxsize=256)

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 # Differences in px that are less and less of the same surface.
-_STEP = (1.0, 3.0)
+_STEP = (1.013, 3.0)
 # Slopes in px per px that may be a plain mean.
 _SMALL = 0.05
 # Px to each side of a pixel, and the share of those that must be steep.

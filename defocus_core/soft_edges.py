@@ -14,6 +14,7 @@ from torch import Tensor
 from defocus_core.neighbours import extreme_around, steps_beside
 from defocus_core.ramps import AROUND as AROUND_RAMPS
 from defocus_core.ramps import STEEP, steepness, without_ramps
+from defocus_core.ties import halfway
 
 # Slope of a soft edge, per px, as a share of the range of radii in a frame, and at least in px: of
 # less it does not matter where it lies. Of a hard edge the least step, in such slopes, and how much
@@ -74,14 +75,14 @@ def with_hard_edges(signed_radius: Tensor, pixels: Tensor, steep: float = STEEP)
             (steps, _SIDES, torch.maximum),
         )
     )
-    radii, middle = steps.flatten(), (least + most) / 2
+    radii, between = steps.flatten(), halfway(least, most)
     colors = pixels.detach().to(torch.promote_types(pixels.dtype, torch.float32))
     linked, ends = _linked(colors, radii.detach(), unsure, index)
     if not len(ends):
         return steps
     own = radii.index_select(0, index)
     found = radii.index_select(0, ends.index_select(0, linked.clamp(min=0)))
-    moved = (linked >= 0) & (foot | ((found > middle) != (own > middle)))
+    moved = (linked >= 0) & (foot | ((found > between) != (own > between)))
     return radii.index_copy(0, index, torch.where(moved, found, own)).reshape(steps.shape)
 
 

@@ -14,13 +14,13 @@ from torch import Tensor
 from defocus_core.sheets import Level
 
 # Pixels of half resolution whose radii in px differ by more are not neighbours on one surface.
-_SAME = 1.0
+_SAME = 1.013
 # Px from a pixel, along its direction, at which a known one is looked for.
-_STEPS = (2, 4, 7, 11, 16, 22)
+_STEPS = (2.1, 4.1, 7.1, 11.1, 16.1, 22.1)
 # Px at which a colour from one side alone counts nothing.
 FARTHEST = 24
 # How much the radius in px of a colour may differ from the one that is continued.
-_OF_ONE = 2.0
+_OF_ONE = 2.013
 # Slopes of colour, per px and as a share of it, that have no direction; and the coherence below
 # which there is hardly one.
 _FLAT, _HARDLY = 1e-3, 0.05

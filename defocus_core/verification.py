@@ -14,6 +14,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from defocus_core.agreement import devices, rounding, same_bytes, tiles
 from defocus_core.aperture import Aperture
 from defocus_core.checks import Check, Setting, greatest, pictures, rendered
 from defocus_core.probes import (
@@ -24,6 +25,7 @@ from defocus_core.probes import (
     disc_radius,
     noise,
     rim_width,
+    scenes,
     shift,
     slope,
     spot,
@@ -133,7 +135,7 @@ def white(setting: Setting) -> list[Check]:
 def left_and_right(setting: Setting) -> list[Check]:
     """Left and right together are twice the centre, occlusions included."""
     off = []
-    for scene in _scenes():
+    for scene in scenes():
         centre, left, right = pictures(rendered(scene, setting, torch.float32))
         off.append(worst_relative(left + right - 2 * centre, centre))
     measured = "left + right - 2 centre, of the local maximum"
@@ -167,47 +169,10 @@ def occlusion(setting: Setting) -> list[Check]:
     ]
 
 
-def tiles(setting: Setting) -> list[Check]:
-    """Tiles leave no seam: a picture is the same where it is part of a larger one.
-
-    But for what is invented behind edges, which continues all that is seen.
-    """
-    # px; the border is beyond all reach
-    whole, size, (top, left), border = (320, 384), (192, 256), (64, 64), 60
-    rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
-    off = []
-    for radius in (slope(whole), strips(whole)):
-        large = Scene(waves(whole), radius)
-        part = Scene(large.image[:, rows, columns], radius[rows, columns])
-        one, other = (rendered(scene, setting, torch.float32) for scene in (part, large))
-        observed = one.trust > 1 - 1e-5
-        for a, b in zip(pictures(one), pictures(other), strict=True):
-            seam = (a - b[:, rows, columns]) * observed
-            off.append(worst(seam[:, border:-border, border:-border]))
-    return [Check("tiles", "part of a larger picture, difference", "-", greatest(off), 2e-6)]
-
-
-def same_bytes(setting: Setting) -> list[Check]:
-    """Threads, and whether left and right are asked for, change no byte of the centre."""
-    size = (200, 210)  # four tiles
-    threads, outputs = 0.0, 0.0
-    for scene in (Scene(waves(size), slope(size)), card(-7.0, 5.0, size=size)):
-        one = rendered(scene, setting, torch.float32, threads=1)
-        two = rendered(scene, setting, torch.float32, threads=2)
-        alone = rendered(scene, setting, torch.float32, left_right=False)
-        for a, b in zip(pictures(one), pictures(two), strict=True):
-            threads += float((a != b).sum())
-        outputs += float((one.render != alone.render).sum())
-    return [
-        Check("same bytes", "1 and 2 threads, values that differ", "count", threads, 0.0),
-        Check("same bytes", "with and without left, right", "count", outputs, 0.0),
-    ]
-
-
 def symmetry(setting: Setting) -> list[Check]:
     """Flips and quarter turns change nothing; a mirror swaps left and right."""
     flips, turns = [], []
-    for image, radius in _scenes():
+    for image, radius in scenes():
         centre, left, right = pictures(rendered(Scene(image, radius), setting, torch.float64))
         mirrored = Scene(image.flip(-1), radius.flip(-1))
         upset = Scene(image.flip(-2), radius.flip(-2))
@@ -253,17 +218,6 @@ def gradient(setting: Setting) -> list[Check]:
     return [Check("gradient", "slope off a finite difference", "-", off, 1e-5)]
 
 
-def devices(setting: Setting) -> list[Check]:
-    """The CPU and the GPU render the same picture; without a GPU there is nothing to compare."""
-    off: list[float] = []
-    host = Setting("cpu", setting.quality, setting.threads)
-    for scene in _scenes() if setting.device != "cpu" else []:
-        there, here = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
-        off += [worst_relative(a.cpu() - b, b) for a, b in zip(there, here, strict=True)]
-    value = greatest(off) if off else None
-    return [Check("CPU and GPU", "difference, of the local maximum", "-", value, 1e-4)]
-
-
 LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
     discs,
     near_focus,
@@ -273,20 +227,11 @@ LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
     occlusion,
     tiles,
     same_bytes,
+    rounding,
     symmetry,
     gradient,
     devices,
 )
-
-
-def _scenes() -> list[Scene]:
-    """A slope through focus, and cards before and behind it."""
-    return [
-        Scene(waves(), slope()),
-        card(-7.0, 0.0),
-        card(0.0, 7.0),
-        card(-5.0, 6.0),
-    ]
 
 
 def _responses(r: float, light: bool, setting: Setting) -> tuple[Tensor, ...]:

@@ -18,6 +18,7 @@ LAYERS = [
     {"__init__"},
     {"random_lens"},
     {"lens", "planning", "verification"},
+    {"agreement"},
     {"checks"},
     {"render", "stream"},
     {"picture"},
@@ -62,7 +63,7 @@ LAYERS = [
         "slopes",
         "threads",
     },
-    {"guards", "modes", "outline", "tiling"},
+    {"guards", "modes", "outline", "ties", "tiling"},
     {"source", "spans"},
 ]
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

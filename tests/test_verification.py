@@ -12,6 +12,7 @@ from torch.nn.functional import avg_pool2d
 
 from defocus_core import Rendering, checks, probes, verification
 from defocus_core.checks import Check, Setting
+from defocus_core.probes import levels
 from defocus_core.render import render as true_render
 
 Render = Callable[..., Rendering]
@@ -60,6 +61,11 @@ def brighter_each_time() -> Render:
     return on_pictures(lambda picture: picture * (1 + 1e-3 * next(calls)))
 
 
+def half_precision(picture: Tensor) -> Tensor:
+    """With the numbers of half precision, unless it is in double."""
+    return picture.half().float() if picture.dtype == torch.float32 else picture
+
+
 def vignette(picture: Tensor) -> Tensor:
     """Darker to the right and below, as if places in the frame mattered."""
     H, W = picture.shape[-2:]
@@ -90,6 +96,11 @@ FAULTS: dict[str, tuple[Render, set[tuple[str, str]]]] = {
     "places matter": (on_pictures(vignette), {("tiles", ""), ("symmetry", "")}),
     "threads matter": (brighter_by("threads"), {("same bytes", "1 and 2")}),
     "outputs matter": (brighter_by("left_right"), {("same bytes", "with and")}),
+    "precision matters": (on_pictures(half_precision), {("rounding", "float32")}),
+    "last bits matter": (
+        on_radii(lambda r: torch.where(r.detach() > levels().amax().to(r), r + 0.1, r)),
+        {("rounding", "last bits")},
+    ),
     "a wrong slope": (on_radii(lambda r: 2 * r - r.detach()), {("gradient", "")}),
     "machines matter": (brighter_each_time(), {("CPU and GPU", "")}),
     "not a number": (
@@ -113,7 +124,7 @@ def sound() -> list[Check]:
     return all_checks(GPU_ALIKE)
 
 
-@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("quality", ["draft", "standard", "high", "reference"])
 def test_the_renderer_passes(quality: str) -> None:
     found = all_checks(Setting(quality=quality, threads=2))
     assert [check for check in found if not check.ok] == []
