@@ -10,7 +10,7 @@ from __future__ import annotations
 from torch import Tensor
 
 # Where between two radii the border is that tells them apart.
-_HALFWAY = 0.49
+_HALFWAY = 0.499
 
 
 def halfway(near: Tensor, far: Tensor) -> Tensor:
