@@ -16,8 +16,11 @@ from torch.nn.functional import pad
 
 from defocus_core.tiling import BLOCK, blocks_of
 
-# How much nearer, in px of radius and as a share of it, a surface must be to stand before a light.
-_BEFORE = (1.5, 0.15)
+# How much nearer, in px of radius and as a share of it, a surface must be to stand before a light;
+# no round numbers, so that rounding decides nothing.
+_BEFORE = (1.513, 0.1513)
+# Px towards a light by which a place between two pixels is nearer to the one of them.
+_TOWARDS = 0.01
 # Samples looked at at once: bounds memory.
 _SAMPLES = 1 << 17
 
@@ -145,9 +148,11 @@ class Obstruction:
         ends = []
         for axis, length in enumerate(self._places.shape):
             at = lights.at[:, axis, None, None]
-            one, other = (at + lights.scale[:, :, None] * x for x in (first, last))
+            one, other = (
+                _pixel(at, lights.scale[:, :, None] * x, length).div(BLOCK, rounding_mode="floor")
+                for x in (first, last)
+            )
             low, high = torch.minimum(one, other), torch.maximum(one, other)
-            low, high = (_pixel(x, length).div(BLOCK, rounding_mode="floor") for x in (low, high))
             ends.append((low, high + 1))
         (top, below), (left, beside) = ends
         columns, sums = self._sums.shape[2], self._sums.flatten()
@@ -178,8 +183,12 @@ class Obstruction:
         for k, rung in enumerate(rungs.tolist()):
             here = torch.nonzero(slices[:, k])[:, 0]
             some = lights.some(here)
-            y, x = (some.at[..., None] + some.scale[:, k, None, None] * offset[here]).unbind(1)
-            spot = _pixel(y, H)[:, :, None] * W + _pixel(x, W)[:, None, :]
+            y, x = (some.scale[:, k, None, None] * offset[here]).unbind(1)
+            row, column = (
+                _pixel(some.at[:, axis, None], away, length)
+                for axis, (away, length) in enumerate(((y, H), (x, W)))
+            )
+            spot = row[:, :, None] * W + column[:, None, :]
             near = self._signed_radius.flatten()[spot] < some.limit[:, None, None]  # not its own
             share = (1 - (self._places.flatten()[spot] - rung).abs()).clamp(min=0)
             stopped.index_add_(0, here, near * share)
@@ -191,6 +200,9 @@ def nearer_than(radius: Tensor) -> Tensor:
     return radius - (_BEFORE[1] * radius.abs()).clamp(min=_BEFORE[0])
 
 
-def _pixel(place: Tensor, length: int) -> Tensor:
-    """The pixel nearest to a place, within a frame."""
-    return place.round().long().clamp(0, length - 1)
+def _pixel(light: Tensor, away: Tensor, length: int) -> Tensor:
+    """The row or column, of so many, of the pixel nearest to what is so many px away from a light.
+
+    Discs of equal steps of radius have many places in the middle between two pixels.
+    """
+    return (light + away - _TOWARDS * away.sign()).round().long().clamp(0, length - 1)

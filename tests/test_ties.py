@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from defocus_core.backdrop import backdrop
-from defocus_core.probes import rounded
+from defocus_core.probes import rounded, worst_relative
 from defocus_core.render import Rendering, render
 from defocus_core.ties import halfway
 
@@ -65,6 +65,23 @@ def test_single_precision_is_enough(seed: int, quality: str) -> None:
     one = render(image, radius, quality=quality, left_right=True)
     other = render(image.double(), radius.double(), quality=quality, left_right=True)
     assert off(one, other) < ROUNDED
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("seed", range(6))
+def test_what_stops_lights_does_not_hang_on_last_bits(seed: int, quality: str) -> None:
+    """In front of a light, places in slices of equal steps lie in the middle between pixels."""
+    image, radius = cards(seed)
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(30):
+        y, x = (int(torch.randint(n, (1,), generator=generator)) for n in radius.shape)
+        image[:, y, x] = 300.0
+    one = render(image, radius, quality=quality)
+    for other in (
+        render(image, rounded(radius), quality=quality),
+        render(image.double(), radius.double(), quality=quality),
+    ):
+        assert worst_relative(one.render - other.render, one.render) < 5e-5
 
 
 @pytest.mark.parametrize("seed", range(3))
