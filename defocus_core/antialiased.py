@@ -23,11 +23,11 @@ _MATTERS = 1.013
 # Px around an edge in which both surfaces are seen, and rounds in which averages become theirs.
 _BESIDE, _ROUNDS = 3, 2
 # A step that goes on by as much of itself is a slope: its pixels are no averages.
-_SLOPE = 0.4
+_SLOPE = 0.4013
 # The share of the range over 7 px that 3 of them have at least on an edge: on a slope they have a
 # third. On a wide edge the share of the range over 5 px, beside a bend: a pixel that is so far off
 # the middle of the range over 3 px, as a share of this.
-_ABRUPT, _WIDE, _BENT = 0.36, 0.25, 0.3
+_ABRUPT, _WIDE, _BENT = 0.3613, 0.2513, 0.3013
 # To tell such depth: the first share above, between which places on an edge a pixel is an average,
 # and how level the pixels beside a hard step are.
 _SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1

@@ -31,6 +31,9 @@ _LEVELS = 13
 _BITS = 16
 _RADIUS = (1 << _BITS) - 1
 _NOWHERE = -2 << _LEVELS << _BITS
+# Grains by which radii between two of them belong to the greater: depth in half precision has many
+# in the middle.
+_BETWEEN = 0.013
 # Radii beyond this count as this: no frame is as wide.
 _MOST = 4096.0
 # Pixels that are dilated at once.
@@ -132,7 +135,8 @@ def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis,
         grain: Px.
         middle: Of the frame.
     """
-    radii = (r.flatten()[farther].clamp(-_MOST, _MOST) / grain).round().to(torch.int32)
+    grains = r.flatten()[farther].clamp(-_MOST, _MOST) / grain
+    radii = (grains + _BETWEEN).round().to(torch.int32)
     row = farther.div(r.shape[1], rounding_mode="floor")
     column = farther - row * r.shape[1]
     source = (radii << _BITS) + (radii + (1 << _LEVELS))

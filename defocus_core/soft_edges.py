@@ -19,7 +19,7 @@ from defocus_core.ties import halfway
 # Slope of a soft edge, per px, as a share of the range of radii in a frame, and at least in px: of
 # less it does not matter where it lies. Of a hard edge the least step, in such slopes, and how much
 # more level the pixels beside it are.
-_SHARE, LEAST, _STEP, _LEVEL = 1 / 40, 0.75, 2.0, 0.25
+_SHARE, LEAST, _STEP, _LEVEL = 1 / 40, 0.7513, 2.013, 0.2513
 # Px around a ramp in which the edge may be; and within which radii are still those of the ramp.
 _BESIDE, _FOOT = 8, 1
 # Px of the longest path; and what a px of it costs, where 1 is the greatest change of colour.

@@ -23,7 +23,7 @@ _FEW, _MANY = 32, 256
 # Every how many columns are looked at for that: sorting takes long.
 _EVERY = 16
 # Steps in px between two terraces; and what is flat beside them, as a share of the step.
-_LEAST, _MOST, _FLAT = 0.2, 1.0, 0.1
+_LEAST, _MOST, _FLAT = 0.2013, 1.013, 0.1013
 # Px over which a step is spread to each side.
 _WIDE = 4
 # Px around a pixel that decide what it becomes.

@@ -1,9 +1,11 @@
 """Rounding decides nothing: not where depth is in levels, and much is as far from this as that."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from torch import Tensor
-from torch.nn.functional import interpolate
+from torch.nn.functional import avg_pool2d, interpolate, pad
 
 from defocus_core.backdrop import backdrop
 from defocus_core.probes import rounded, worst_relative
@@ -38,6 +40,27 @@ def cards(seed: int) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
+def averaged(seed: int) -> tuple[Tensor, Tensor]:
+    """The same with depth averaged over three by three pixels."""
+    image, radius = cards(seed)
+    return image, avg_pool2d(pad(radius[None], (1, 1, 1, 1), mode="replicate"), 3, 1)[0]
+
+
+def in_half_precision(seed: int) -> tuple[Tensor, Tensor]:
+    """The same with surfaces that are not quite level, in half precision."""
+    image, radius = cards(seed)
+    uneven = 0.02 * torch.rand(radius.shape, generator=torch.Generator().manual_seed(seed))
+    return image, (radius + uneven).half().float()
+
+
+def terraces(seed: int) -> tuple[Tensor, Tensor]:
+    """A hilly surface in levels of 0.3 px."""
+    image, radius = cards(seed)
+    hills = torch.rand(1, 1, 8, 10, generator=torch.Generator().manual_seed(seed))
+    wide = interpolate(hills, size=radius.shape, mode="bicubic")[0, 0]
+    return image, 0.3 * (60 * wide).round() - 8
+
+
 def off(one: Rendering, other: Rendering) -> float:
     """By how much two renderings differ at most."""
     pairs = (
@@ -56,6 +79,17 @@ def test_the_last_bits_of_levels_make_no_other_picture(seed: int, quality: str) 
     one = render(image, radius, quality=quality, left_right=True)
     other = render(image, rounded(radius), quality=quality, left_right=True)
     assert off(one, other) < ROUNDED
+
+
+@pytest.mark.parametrize("kind", [averaged, in_half_precision, terraces])
+@pytest.mark.parametrize("seed", range(6))
+def test_nor_do_those_of_depth_that_is_mended(
+    seed: int, kind: Callable[[int], tuple[Tensor, Tensor]]
+) -> None:
+    image, radius = kind(seed)
+    one = render(image, radius, left_right=True)
+    assert off(one, render(image, rounded(radius), left_right=True)) < ROUNDED
+    assert off(one, render(image.double(), radius.double(), left_right=True)) < ROUNDED
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
