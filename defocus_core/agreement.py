@@ -11,7 +11,6 @@ from defocus_core.checks import Check, Setting, greatest, pictures, rendered
 from defocus_core.probes import (
     Scene,
     card,
-    levels,
     rounded,
     scenes,
     slope,
@@ -67,7 +66,7 @@ def rounding(setting: Setting) -> list[Check]:
     """
     precision: list[float] = []
     given: list[float] = []
-    for image, radius in [*scenes(), Scene(waves(), levels())]:
+    for image, radius in scenes():
         scene = Scene(image.float(), radius.float())
         single, changed = (
             pictures(rendered(each, setting, torch.float32))

@@ -19,11 +19,12 @@ from defocus_core.neighbours import extreme_around, squares_around
 from defocus_core.ties import halfway
 
 # Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
-_EDGE = 1.513
+EDGE = 1.513
 # Range of two neighbours beyond which one hides the other; less is a slope.
 _STEP = 1.013
 # Px to each side of a pixel from which the two surfaces are known.
 _AROUND = 2
+# The number of the pixel itself among those.
 _MIDDLE = (2 * _AROUND + 1) ** 2 // 2
 # How far, as a share of coverage, a pixel is expected to deviate from one whole surface.
 _EXPECTED = 0.05
@@ -81,7 +82,7 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
-    edge = farthest - nearest > _EDGE
+    edge = farthest - nearest > EDGE
     places = torch.nonzero(edge)
     if not len(places):
         return whole(image, signed_radius)
@@ -185,7 +186,7 @@ class _Around(NamedTuple):
 
     def own(self) -> Tensor:
         """[25, n] bool, those of the surface of the pixel itself; a third takes no part."""
-        like = (self.radii - self.radii[_MIDDLE]).detach().abs() <= _EDGE
+        like = (self.radii - self.radii[_MIDDLE]).detach().abs() <= EDGE
         return like & (self.is_near == self.is_near[_MIDDLE])
 
     def some(self, index: Tensor) -> _Around:

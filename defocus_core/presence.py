@@ -14,6 +14,7 @@ from defocus_core.antialiased import without_averages
 from defocus_core.frame import Frame
 from defocus_core.halving import axes, halves
 from defocus_core.hidden import hidden_layers
+from defocus_core.mixed import EDGE
 from defocus_core.neighbours import extreme_around
 from defocus_core.patches import Patch, patches
 from defocus_core.planes import Planes
@@ -32,8 +33,6 @@ _SAMPLE, _SAMPLE_BEHIND, _STRIP = 1 << 18, 1 << 20, 1 << 20
 _WIDE = 16
 # Px of overlap of strips: soft edges are as wide as that.
 _OVERLAP = 12
-# Range of radii in px, among a pixel and its neighbours, on an edge.
-_EDGE = 1.513
 
 
 class _Around(NamedTuple):
@@ -170,7 +169,7 @@ class Presence:
             least, most = (
                 extreme_around(steps[inner], 1, end) for end in (torch.minimum, torch.maximum)
             )
-            self.edges += int((most - least > _EDGE).sum())
+            self.edges += int((most - least > EDGE).sum())
             rows.append(steps[inner][::step, ::step].clone())
         radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)

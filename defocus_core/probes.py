@@ -99,9 +99,10 @@ def card(
 
 
 def scenes() -> list[Scene]:
-    """A slope through focus, and cards before and behind it."""
+    """A slope through focus, cards before and behind it, and cards in equal steps of radius."""
     return [
         Scene(waves(), slope()),
+        Scene(waves(), levels()),
         card(-7.0, 0.0),
         card(0.0, 7.0),
         card(-5.0, 6.0),

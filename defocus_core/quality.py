@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 class Quality:
     """Settings of the renderer that trade time for error; the algorithm is the same for all.
 
+    What radii and slopes are compared with is no round number: see `ties`.
+
     Attributes:
         near_spacing: Distance in px between the radii of neighbouring slices near focus.
         far_spacing: The same as a share of the radius, where that is more.

@@ -1,8 +1,8 @@
 """Comparisons of radii that rounding must not decide.
 
 Depth in levels has radii in equal steps, and many are just as far from one surface as from another.
-What is compared with them is no round number: then another device, whose last bit differs, sees
-the same surfaces.
+What is compared with them is no round number, here and where a constant is 1.013 and not 1: then
+another device, whose last bit differs, sees the same surfaces.
 """
 
 from __future__ import annotations
