@@ -61,6 +61,10 @@ class Reduced:
             return
         size = window.fitting(patch.least)
         cells = Box(*patch.corner, *size)
+        # what follows after its end is left out: it would wrap around to what is wanted
+        lit = Box.over(
+            *(Span(a.first, b.end) for a, b in zip(cells.sides, patch.lit.sides, strict=True))
+        )
         terms: list[tuple[Tensor, Tensor]] = []
         sloping = [rung for rung in slices if rung in tilted]
         found = surface.planes(sloping, core.around(reach))
@@ -68,9 +72,8 @@ class Reduced:
         for rung, k in slices.items():
             slope = slopes.get(rung)
             lean = rung in tilted and not slope
-            plain, *leaning = torch.fft.rfft2(
-                surface.averaged(rung, window.halvings, cells, middle, tilted=lean)
-            )
+            averages = surface.averaged(rung, window.halvings, lit, middle, tilted=lean)
+            plain, *leaning = torch.fft.rfft2(averages, s=size)
             kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
             terms.append((plain, kernel))
             terms += zip(leaning, window.leaning(k, size) if lean else (), strict=True)

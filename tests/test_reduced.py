@@ -119,3 +119,19 @@ def test_depth_has_gradients() -> None:
         ends = [(render(image, radius + s * step).render * weight).sum() for s in (1, -1)]
     slope = float(ends[0] - ends[1]) / 2e-6
     assert float((radius.grad * step).sum()) / 1e-6 == pytest.approx(slope, rel=1e-4)
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_what_lies_beyond_the_reach_of_a_region_does_not_wrap_around(
+    monkeypatch: pytest.MonkeyPatch, upright: bool
+) -> None:
+    """A wider layer makes a region hold more than a narrower one may see."""
+    size = (1500, 40)
+    image = torch.rand(3, *size, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    radius = torch.full(size, 67.0, dtype=torch.float64)
+    radius[500:] = 45.0
+    if not upright:
+        image, radius = image.mT.contiguous(), radius.mT.contiguous()
+    in_regions = render(image, radius).render
+    monkeypatch.setattr(tiling, "_REGION", 4096)
+    assert worst(in_regions, render(image, radius).render) < EXACT
