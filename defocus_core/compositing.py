@@ -107,13 +107,16 @@ def add_light(seen: Tensor, light: Tensor) -> Tensor:
 
 
 def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
-    """Whether nothing is left to cover; never where a gradient is wanted: what is left has one.
+    """Whether nothing is left to cover, as far as it is worth asking.
+
+    Never where a gradient is wanted, for what is left has one; nor off the CPU, where the answer
+    would be waited for: adding nothing costs less there.
 
     Args:
         seen: [M, C + 1, h, w], as above.
         full: As above.
     """
-    if seen.requires_grad:
+    if seen.requires_grad or not seen.is_cpu:
         return False
     return bool((full - seen[:, -1:]).amax() <= _FULL * torch.finfo(seen.dtype).eps)
 

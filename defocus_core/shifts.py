@@ -109,14 +109,15 @@ class Shifts:
     def over(self, box: Box) -> Tensor | None:
         """For a slice that has all of a surface within a rectangle: [M, C, h, w].
 
-        None if nothing there is near focus.
+        None if nothing there is near focus; it is not asked off the CPU, where the answer would
+        be waited for.
         """
         around = box.grown(AROUND, self._whole)
         inner, around = box.seen_from(around), around.seen_from(self._whole)
         color, radius = around.of(self._color), around.of(self._radius)
         places, r = inner.of(around.of(self._places)), inner.of(radius)
         size = r.abs()
-        if not bool(((size < self._end) & (size > SHARP)).any()):
+        if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
             return None
         lower = places.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
         share, number = places - lower, lower.long().flatten()

@@ -128,7 +128,7 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     r = signed_radius.flatten()
     piece = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
     share = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
-    if bool(b.any()):
+    if any(p.b for p in pieces):
         share = share.addcmul(b.index_select(0, piece), r)
     places = lower.index_select(0, piece) + share.clamp(0, 1)
     return places.reshape(signed_radius.shape)
