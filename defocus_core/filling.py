@@ -16,7 +16,7 @@ from defocus_core.compositing import add_behind, summed
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes, halves, place_of
 from defocus_core.hidden import HiddenLayer
-from defocus_core.resampling import cells_read, linear_shares
+from defocus_core.resampling import cells_read, linear_shares, resampled
 from defocus_core.slicing import position
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
@@ -110,7 +110,7 @@ class Filling:
             if cells_seen is None:
                 return None
             rows, columns = (self._between(d, tile, cells, cells_seen) for d in (0, 1))
-            return rows * times @ cells_seen @ columns.mT
+            return resampled(cells_seen, rows * times, columns)
 
         return Hidden(
             [enlarged(some, 1.0) for some in hidden.nearer],

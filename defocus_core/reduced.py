@@ -16,7 +16,7 @@ from torch import Tensor
 from defocus_core.convolution import crop_inverse, sum_of_products
 from defocus_core.halving import Axis, place_of
 from defocus_core.patches import patch_of
-from defocus_core.resampling import cubic_shares
+from defocus_core.resampling import cubic_shares, resampled
 from defocus_core.spans import Span
 from defocus_core.surface import Surface
 from defocus_core.tiling import Box
@@ -106,7 +106,7 @@ class Reduced:
             for d, cells in enumerate((down, across))
         )
         some = Box.over(down, across).seen_from(Box.over(*self._cells))
-        return shown, [rows @ some.of(group) @ columns.mT for group in self._groups]
+        return shown, [resampled(some.of(group), rows, columns) for group in self._groups]
 
     def _spans(self, box: Box) -> tuple[Span, Span]:
         """The cells between which pixels lie; they have shares in no others."""

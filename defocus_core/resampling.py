@@ -39,6 +39,25 @@ def _away(first: float, pixels: int, cells: int, step: float, like: Tensor) -> T
     return (place[:, None] - number).abs()
 
 
+def resampled(values: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Cells [..., h, w] read in pixels [..., H, W] by shares [H, h] and [W, w].
+
+    Not in fewer bits than they have, whatever torch may round products to: TensorFloat32 or
+    bfloat16 (`torch.set_float32_matmul_precision`), too coarse for a picture.
+    """
+    if values.dtype != torch.float32 or not _products_are_rounded():
+        return rows @ values @ columns.mT
+    return (rows.double() @ values.double() @ columns.double().mT).float()
+
+
+def _products_are_rounded() -> bool:
+    """Whether torch may compute products of float32 matrices in fewer bits on some device."""
+    try:
+        return torch.get_float32_matmul_precision() != "highest"
+    except RuntimeError:  # it was set for one device alone
+        return True
+
+
 def cells_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int) -> Box:
     """The cells between which the pixels of a rectangle lie."""
     first, end = [], []

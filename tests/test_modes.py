@@ -22,11 +22,26 @@ def default_dtype(dtype: torch.dtype) -> Iterator[None]:
     torch.set_default_dtype(before)
 
 
+@contextmanager
+def rounded_products() -> Iterator[None]:
+    torch.set_float32_matmul_precision("medium")
+    yield
+    torch.set_float32_matmul_precision("highest")
+
+
+@contextmanager
+def deterministic_algorithms() -> Iterator[None]:
+    torch.use_deterministic_algorithms(True)
+    yield
+    torch.use_deterministic_algorithms(False)
+
+
 # "meta" stands for a GPU: what is made there cannot be taken for what is on the CPU
 MODES = {
     "autocast": lambda: torch.autocast("cpu", torch.bfloat16),
     "a default device": lambda: torch.device("meta"),
     "a default dtype": lambda: default_dtype(torch.float64),
+    "deterministic algorithms": deterministic_algorithms,
 }
 
 
@@ -62,6 +77,24 @@ def test_the_callers_modes_do_not_change_a_gradient(name: str) -> None:
     with nullcontext() if name == "autocast" else MODES[name]():  # which torch asks for
         found = torch.autograd.grad(energy, (image, radius))
     assert all(map(torch.equal, found, wanted))
+
+
+def test_products_are_not_rounded_as_the_caller_allows() -> None:
+    product = torch.rand(64, 64, generator=torch.Generator().manual_seed(0))
+    image, radius = (x.requires_grad_() for x in scenery("cards", 200, 220, 40.0))
+
+    def seen() -> list[Tensor]:
+        rendering = render(image, radius, left_right=True)
+        energy = rendering.render.square().sum()
+        return [pictures(rendering), *torch.autograd.grad(energy, (image, radius))]
+
+    wanted, exactly = seen(), product @ product
+    with rounded_products():
+        found, rounded = seen(), product @ product
+    for a, b in zip(found, wanted, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5)
+    if torch.equal(rounded, exactly):
+        pytest.skip("this machine rounds no products")
 
 
 def test_the_callers_modes_do_not_change_a_lens(mode) -> None:
