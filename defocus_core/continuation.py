@@ -95,8 +95,11 @@ def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor
         if len(some):
             number, low, high, share = (x.index_select(0, some) for x in (number, *ends, share))
             found, light = _weighed(level.second, number, (low, high), share)
-            pixel = some % n
-            values, weight = values.index_add(1, pixel, found), weight.index_add(0, pixel, light)
+            # one after the other: sums of what is added at once hang on its order on a GPU
+            found = found.new_zeros(len(values), 4 * n).index_copy(1, some, found)
+            light = light.new_zeros(4 * n).index_copy(0, some, light)
+            values = values + found.reshape(-1, 4, n).sum(1)
+            weight = weight + light.reshape(4, -1).sum(0)
     most = weight.clamp(min=1)
     return values / most, weight / most
 

@@ -98,9 +98,12 @@ class Points:
                 if axis.odd
                 else [(lower - start, torch.ones_like(upper))]
             )
+        flat = pixels.view(len(pixels), -1)
+        channel = torch.arange(len(pixels), device=pixels.device)[:, None]
         for y, of_row in sides[0]:
             for x, of_column in sides[1]:
                 inside = (y >= 0) & (y < cells.height) & (x >= 0) & (x < cells.width)
                 spot = torch.where(inside, y * cells.width + x, 0)
                 shares = of_row * of_column * inside
-                pixels.view(len(pixels), -1).index_add_(1, spot, samples * shares)
+                # in a fixed order on a GPU, too, where index_add_ has none
+                flat.index_put_((channel, spot), samples * shares, accumulate=True)
