@@ -145,7 +145,8 @@ class Windows:
     def __getitem__(self, window: Any) -> torch.Tensor:
         """A window, on the device."""
         import numpy as np
-        import torch
+
+        from defocus_cli.transfers import sent
 
         cuts = window if isinstance(window, tuple) else (window,)
         cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
@@ -153,7 +154,7 @@ class Windows:
             found = self._planes[0][cuts]
         else:
             found = np.stack([plane[cuts] for plane in self._planes])
-        return torch.from_numpy(found).to(self.device)
+        return sent(found, self.device)
 
 
 def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:

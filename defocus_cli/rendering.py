@@ -143,11 +143,12 @@ class _Images:
         import numpy as np
 
         from defocus_cli.exr import clamped_half
+        from defocus_cli.transfers import fetched
 
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = getattr(part, kind).cpu().numpy().reshape(len(planes), height, width)
+            pixels = fetched(getattr(part, kind)).reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 count = int(np.count_nonzero(beyond.any(axis=0)))

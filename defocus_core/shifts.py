@@ -134,7 +134,7 @@ class Shifts:
         tail = (cube - begun * self._tail * r**3) / 6
         tail = tail * ((_BLURRED - size) / (_BLURRED - _TAILED)).clamp(0, 1)
         changes[0] += inner.of(_third(color, radius)) * tail
-        moved = self._centroids[:, 0, None, None, None] * changes[0]
+        moved: Tensor = self._centroids[:, 0, None, None, None] * changes[0]
         for centroid, change in zip(self._centroids.unbind(1)[1:], changes[1:], strict=True):
             moved = moved.addcmul(centroid[:, None, None, None], change)
         return moved

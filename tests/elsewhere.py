@@ -93,7 +93,7 @@ def _run(func: Any, args: Any, kwargs: Any) -> object:
     assert all(x.device.type == "cpu" for x in others), f"{name}: made beside the pretended device"
     device = kwargs.get("device")
     named = None if device is None else torch.device(device).type
-    if not away and named != NAME:
+    if not away and named != torch.device(NAME).type:
         return func(*args, **kwargs)
     index = [x for x in args[1] if x is not None] if away and name in _INDEXED else []
     if not isinstance(args[0] if args else None, Tensor) or isinstance(args[0], Elsewhere):
