@@ -22,8 +22,8 @@ NONE = 2.65
 # What a half of the lens shifts of detail is its slope times so many radii, and is left as that of
 # a radius this many times as large.
 _SHIFT = 0.8
-# Power of the share that is left by which a pixel is as it was.
-_AS_IT_WAS = 16
+# How often the share that is left is squared: by that a pixel is as it was.
+_AS_IT_WAS = 4
 # By how much of what the cells around differ a pixel may lie beyond them.
 _MOST = 0.25
 # Radii in px up to which cells are in focus, and beyond which they are shifted as they should be.
@@ -87,8 +87,11 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     detail = pixels - own
     left = (left_of_detail(r) * seen)[:, None]
     # in full view and in focus a pixel is as it was, edges too
-    whole = torch.lerp(blurred + left[0] * detail, pixels, left[0].clamp(0, 1) ** _AS_IT_WAS)
-    whole = whole.clamp(torch.minimum(blurred, pixels), torch.maximum(blurred, pixels))
+    given_back = left[0].clamp(0, 1)
+    for _ in range(_AS_IT_WAS):
+        given_back = given_back.square()
+    whole = torch.addcmul(blurred, left[0], detail).lerp_(pixels, given_back)
+    whole.clamp_(torch.minimum(blurred, pixels), torch.maximum(blurred, pixels))
     if len(found) == 1:
         return whole[None]
     beside = _padded(detail, (1, 1, 0, 0))
@@ -127,14 +130,14 @@ def doubled(cells: Tensor, part: Box) -> Tensor:
     left, right, above, below = (AROUND - there for there in missing)
     cells = _padded(cells, (left, right, above, below))
     middle = cells[..., AROUND:-AROUND, AROUND:-AROUND]
-    down = _rise(cells[..., AROUND:-AROUND], -2)
+    downwards = _rise(cells, -2)
+    down, bend = downwards[..., AROUND:-AROUND], _rise(downwards, -1)
     across = _rise(cells[..., AROUND:-AROUND, :], -1)
-    bend = _rise(_rise(cells, -2), -1)
     least, most = _ends(cells[..., 1:-1, 1:-1])
     rise = down.abs() + across.abs() + bend.abs()
-    kept = torch.minimum(most - middle, middle - least)
-    beyond = torch.minimum(most - least, middle.abs() - (most - least)).clamp(min=0)
-    bound = kept + beyond * _MOST
+    kept, differ = torch.minimum(most - middle, middle - least), most - least
+    beyond = torch.minimum(differ, middle.abs() - differ).clamp(min=0)
+    bound = torch.add(kept, beyond, alpha=_MOST)
     share = bound / torch.maximum(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
     down, across, bend = down * share, across * share, bend * share
     *others, rows, columns = middle.shape
