@@ -6,7 +6,8 @@ it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import cached_property, reduce
 
 import torch
 from torch import Tensor
@@ -26,18 +27,41 @@ from defocus_core.windows import Window
 _FILLS = 2.0
 
 
-class Hidden(NamedTuple):
-    """What each group of m parts sees of hidden surfaces over a tile; None for those that do not.
+class Hidden:
+    """What each group of m parts sees of a hidden surface over a tile."""
 
-    Attributes:
-        nearer: [m, C + 1, h, w] of what is nearer than focus, alone.
-        in_focus: The same of what is in focus or not far from it.
-        whole: The same of everything, as it occludes itself.
-    """
+    def __init__(
+        self, octaves: list[dict[int, Tensor]], enlarged: Callable[[Tensor, float], Tensor]
+    ) -> None:
+        """Keep what may be asked for.
 
-    nearer: list[Tensor | None]
-    in_focus: list[Tensor | None]
-    whole: list[Tensor | None]
+        Args:
+            octaves: Of each group by octaves of blur [m, C + 1, h, w], which add up on each side
+                of focus; sides occlude each other.
+            enlarged: Makes px of that, so many times as bright.
+        """
+        self._octaves = octaves
+        self._enlarged = enlarged
+
+    def of(self, octave: int) -> list[Tensor | None]:
+        """What is of an octave, alone: [m, C + 1, h, w]; None if there is nothing."""
+        return [self._once(some.get(octave)) for some in self._octaves]
+
+    @cached_property
+    def nearer(self) -> list[Tensor | None]:
+        """What is nearer than focus, alone."""
+        return [self._once(_side(some, -1)) for some in self._octaves]
+
+    def whole(self) -> list[Tensor | None]:
+        """Everything, as it occludes itself."""
+        found: list[Tensor | None] = []
+        for some in self._octaves:
+            sides = [side for side in (_side(some, s) for s in (-1, 0, 1)) if side is not None]
+            found.append(self._enlarged(_occluding(sides), _FILLS) if sides else None)
+        return found
+
+    def _once(self, some: Tensor | None) -> Tensor | None:
+        return None if some is None else self._enlarged(some, 1.0)
 
 
 class Filling:
@@ -85,48 +109,46 @@ class Filling:
         self._sliced: Sliced = self._blur.sliced(samples, slices.stride, slices.layers)
         self.plan = self._sliced.surface.plan
         self.windows: list[Window] = slices.windows[:: slices.stride]
-        self._sides = slices.sides
+        self._octaves = slices.octaves
         self._shares: dict[tuple[float, int, int], Tensor] = {}
 
-    def has(self, side: int, index: int) -> bool:
-        """Whether something of it over a tile is nearer than focus (-1), in focus (0), beyond."""
-        sliced, rungs = self._sliced, self.plan[index]
-        return any(self._sides[sliced.layer_of[rung * sliced.stride]] == side for rung in rungs)
+    def has(self, octave: int, index: int) -> bool:
+        """Whether something of it over a tile is of an octave of blur."""
+        return any(self._octave_of(rung) == octave for rung in self.plan[index])
+
+    def is_nearer(self, index: int) -> bool:
+        """Whether something of it over a tile is nearer than focus."""
+        return any(self._octave_of(rung) < 0 for rung in self.plan[index])
+
+    def _octave_of(self, rung: int) -> int:
+        return self._octaves[self._sliced.layer_of[rung * self._sliced.stride]]
 
     def over_tile(self, index: int) -> Hidden:
         """What of it is seen over a tile."""
         tile, cells = self._tiles.tiles[index], self._cells_of[index]
         size = cells.height, cells.width
-        hidden = Hidden([], [], [])
-        for layers in self._blur.over_tile(self._sliced, index):
-            sides = self._of_sides(layers, size)
-            hidden.nearer.append(sides.get(-1))
-            hidden.in_focus.append(sides.get(0))
-            hidden.whole.append(_occluding([sides[side] for side in sorted(sides)]))
-        if not self.halvings:
-            return hidden
+        octaves = [
+            self._of_octaves(layers, size) for layers in self._blur.over_tile(self._sliced, index)
+        ]
 
-        def enlarged(cells_seen: Tensor | None, times: float) -> Tensor | None:
-            if cells_seen is None:
-                return None
+        def enlarged(cells_seen: Tensor, times: float) -> Tensor:
+            if not self.halvings:
+                return cells_seen
             rows, columns = (self._between(d, tile, cells, cells_seen) for d in (0, 1))
             return resampled(cells_seen, rows * times, columns)
 
-        return Hidden(
-            [enlarged(some, 1.0) for some in hidden.nearer],
-            [enlarged(some, 1.0) for some in hidden.in_focus],
-            [enlarged(some, _FILLS) for some in hidden.whole],
-        )
+        return Hidden(octaves, enlarged)
 
-    def _of_sides(self, layers: dict[int, Shown], size: tuple[int, int]) -> dict[int, Tensor]:
-        """The sums [m, C + 1, h, w] of the layers of each side of focus that has one."""
-        sides: dict[int, list[Shown]] = {}
+    def _of_octaves(self, layers: dict[int, Shown], size: tuple[int, int]) -> dict[int, Tensor]:
+        """The sums [m, C + 1, h, w] of the layers of each octave that has one."""
+        octaves: dict[int, list[Shown]] = {}
         for number in sorted(layers):
-            sides.setdefault(self._sides[number], []).append(layers[number])
+            octaves.setdefault(self._octaves[number], []).append(layers[number])
         found = {
-            side: summed(((s.box, s.layer) for s in some), size) for side, some in sides.items()
+            octave: summed(((s.box, s.layer) for s in some), size)
+            for octave, some in octaves.items()
         }
-        return {side: total for side, total in found.items() if total is not None}
+        return {octave: total for octave, total in found.items() if total is not None}
 
     def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Tensor:
         """The shares [pixels, cells] of cells in the pixels of a tile."""
@@ -137,10 +159,14 @@ class Filling:
         return self._shares[key]
 
 
-def _occluding(layers: list[Tensor]) -> Tensor | None:
-    """Layers [m, C + 1, h, w] from front to back as one; None if there is none."""
-    if not layers:
-        return None
+def _side(octaves: dict[int, Tensor], side: int) -> Tensor | None:
+    """The sum of what is nearer than focus (-1), in focus (0) or beyond (1); None if nothing is."""
+    found = [some for octave, some in octaves.items() if (octave > 0) - (octave < 0) == side]
+    return reduce(torch.add, found) if found else None
+
+
+def _occluding(layers: list[Tensor]) -> Tensor:
+    """Layers [m, C + 1, h, w] from front to back as one."""
     found = torch.zeros_like(layers[0])
     for layer in layers:
         found = add_behind(found, layer)

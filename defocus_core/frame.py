@@ -14,8 +14,9 @@ from defocus_core.hidden import px_around
 from defocus_core.highlights import reached_by, threshold
 from defocus_core.known import Behind
 from defocus_core.mending import Mending
+from defocus_core.octaves import Turns, kept_apart, turns
 from defocus_core.quality import Quality
-from defocus_core.slicing import SHARP, evenly, layers, rungs, sides_of_focus
+from defocus_core.slicing import SHARP, evenly, layers, rungs
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import Survey, survey
 from defocus_core.tiling import Box, Grid, grid_over, largest, regions
@@ -34,8 +35,8 @@ class FillSlices(NamedTuple):
         stride: They are every one (1) or every other (2) of those of the frame.
         halvings: How many times resolution is halved before anything else.
         windows: Of all slices of the frame, in cells of this resolution.
-        layers: The number of the layer of each: all of a window, and of one side of focus.
-        sides: For each layer this side: those of a side add up, sides occlude each other.
+        layers: The number of the layer of each: all of a window, and of one octave of blur.
+        octaves: For each layer this octave.
         cells: Cells of this resolution that light of each spreads at most.
         reaches: Px of the frame that each spreads.
     """
@@ -44,7 +45,7 @@ class FillSlices(NamedTuple):
     halvings: int
     windows: list[Window]
     layers: list[int]
-    sides: dict[int, int]
+    octaves: dict[int, int]
     cells: list[int]
     reaches: list[int]
 
@@ -70,7 +71,7 @@ class Frame:
         radii: Of the slices in px.
         reaches: Px that each spreads.
         layers: The number of the layer of each, ascending.
-        beyond: That of the first layer beyond focus, if there is one.
+        turns: When it is the turn of what is hidden, between these layers.
         windows: Of each.
         known: How what is known to be hidden is blurred.
         invented: How what is invented is.
@@ -97,7 +98,7 @@ class Frame:
     radii: tuple[float, ...]
     reaches: list[int]
     layers: list[int]
-    beyond: int
+    turns: Turns
     windows: list[Window]
     known: FillSlices
     invented: FillSlices
@@ -189,13 +190,14 @@ def frame_of(
         sizes = halved(side, halvings), halved(within, halvings)
         return windows(scaled, spreads, numbers, *sizes, aperture, cells, dtype, pixels.device)
 
-    sides = sides_of_focus(radii)
+    when = turns(radii, numbers)
+    apart = kept_apart(radii, when.ahead)
 
     def filling(stride: int, halvings: int, spreads: list[Spread], px: list[int]) -> FillSlices:
-        layers = alike(numbers, sides, spreads, halved(side, halvings))
+        layers = alike(numbers, apart, spreads, halved(side, halvings))
         of_all = windows_at(halvings, spreads, layers)
-        side_of = dict(zip(layers, sides, strict=True))
-        return FillSlices(stride, halvings, of_all, layers, side_of, [s.px for s in spreads], px)
+        octave_of = dict(zip(layers, apart, strict=True))
+        return FillSlices(stride, halvings, of_all, layers, octave_of, [s.px for s in spreads], px)
 
     stride = 1 if num_layers else quality.hidden_stride
     return Frame(
@@ -214,7 +216,7 @@ def frame_of(
         radii=radii,
         reaches=reaches,
         layers=numbers,
-        beyond=min((n for n, of in zip(numbers, sides, strict=True) if of > 0), default=len(radii)),
+        turns=when,
         windows=windows_at(0, spreads, numbers),
         known=filling(1, 0, spreads, reaches),
         invented=filling(stride, halvings, coarse, invented),

@@ -14,7 +14,7 @@ from defocus_core.blur import Blur, Sliced
 from defocus_core.borders import share_in_frame, share_observed
 from defocus_core.compositing import add_light, pair_of, picture
 from defocus_core.discs import draw
-from defocus_core.filling import Filling, Hidden
+from defocus_core.filling import Filling
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.fronts import Fronts
 from defocus_core.halving import axes
@@ -22,6 +22,7 @@ from defocus_core.hidden import HiddenLayer, hidden_layers
 from defocus_core.highlights import split
 from defocus_core.known import Behind, told_apart
 from defocus_core.mixed import Unmixed, unmixed, whole
+from defocus_core.order import Layer, add_in_order
 from defocus_core.shifts import AROUND as AROUND_SHIFTS
 from defocus_core.shifts import Shifts
 from defocus_core.slicing import position
@@ -195,13 +196,7 @@ class Region:
         return (parts * weights).sum(0) / weights.sum()
 
     def _fronts(self, index: int) -> Fronts:
-        """What the parts of the aperture see of a tile.
-
-        What is visible counts first, for it is known; and its share is right in the mean where
-        surfaces out of focus cover each other by chance. But what is in focus occludes exactly:
-        where it goes on behind something nearer, nothing beyond focus is seen; and it is seen only
-        where nothing out of focus is invented between.
-        """
+        """What the parts of the aperture see of a tile."""
         frame = self._frame
         doubt = _DOUBT * frame.quality.least_slope if frame.mending.terraces else None
         visible = self._blur.over_tile(self._visible, index)
@@ -209,35 +204,14 @@ class Region:
         size = self._tiles[index][2:]
         blank = [layer.new_zeros(*layer.shape[:2], *size) for layer in firsts]
         fronts = Fronts(blank, self._full(index), doubt)
-        hidden = [some for some in (self._known, *self._invented) if some and some.plan[index]]
-        found: dict[int, Hidden] = {}
-
-        def seen_of(i: int) -> Hidden:
-            if i not in found:
-                found[i] = hidden[i].over_tile(index)
-            return found[i]
-
-        for beyond in (False, True):
-            fronts.add(
-                [
-                    {n: layers[n] for n in layers if (n >= frame.beyond) == beyond}
-                    for layers in visible
-                ]
-            )
-            for i, some in enumerate(hidden):
-                known = some is self._known
-                if fronts.are_full(known=known):
-                    continue
-                if beyond:
-                    fronts.fill(seen_of(i).whole, known=known)
-                elif some.has(0, index):
-                    before = [
-                        seen_of(j).nearer
-                        for j, other in enumerate(hidden[:i])
-                        if other is not self._known and other.has(-1, index)
-                    ]
-                    fronts.fill(seen_of(i).in_focus, known=known, before=before)
-        self._culled |= {(id(some), index) for i, some in enumerate(hidden) if i not in found}
+        hidden = [
+            Layer(some, some is self._known)
+            for some in (self._known, *self._invented)
+            if some and some.plan[index]
+        ]
+        needed = add_in_order(fronts, visible, hidden, frame, index)
+        left = (some for i, (some, _) in enumerate(hidden) if i not in needed)
+        self._culled |= {(id(some), index) for some in left}
         return fronts
 
     def _lit(self, seen: list[Tensor], index: int) -> list[Tensor]:

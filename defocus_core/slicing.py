@@ -20,7 +20,7 @@ from defocus_core.quality import QUALITIES, Quality, find
 # to which it is less blurred than it should be, so that shares have no step.
 SHARP, SOFT = 0.15, 0.25
 # Radii in px below which each slice occludes for itself.
-_ALONE = 2.0
+ALONE = 2.0
 _PX = "radii are in px, negative nearer than focus"
 
 
@@ -102,15 +102,10 @@ def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
     """
     names: list[tuple[int, float]] = []
     for r in radii:
-        steps = math.log(max(abs(r), _ALONE) / _ALONE) / math.log(quality.layer_ratio)
-        names.append((0, r) if abs(r) < _ALONE else (1 if r > 0 else -1, math.floor(steps)))
+        steps = math.log(max(abs(r), ALONE) / ALONE) / math.log(quality.layer_ratio)
+        names.append((0, r) if abs(r) < ALONE else (1 if r > 0 else -1, math.floor(steps)))
     number = {name: i for i, name in enumerate(dict.fromkeys(names))}
     return [number[name] for name in names]
-
-
-def sides_of_focus(radii: tuple[float, ...]) -> list[int]:
-    """For each slice -1, 0 or 1: nearer than focus, in focus or not far from it, beyond it."""
-    return [0 if abs(r) < _ALONE else (1 if r > 0 else -1) for r in radii]
 
 
 def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:

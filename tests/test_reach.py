@@ -76,6 +76,29 @@ def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(
     assert inside[2].max() == pytest.approx(2 * 2 / (math.pi * abs(WIRE)), rel=0.1)
 
 
+@pytest.mark.parametrize("quality", ["standard", "high"])
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("sign", [-9.0, -4.0, -2.5, 2.5, 4.0, 9.0])
+def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(
+    quality: str, known: bool, sign: float
+) -> None:
+    """Whatever the colour of the sky, where the lens sees nothing but wires and the sign."""
+    size, wire, sky = (120, 160), -20.0, 30.0
+    y, x = torch.meshgrid(*map(torch.arange, size), indexing="ij")
+    on_sign, on_wire = (abs(y - 60) < 40) & (abs(x - 80) < 60), (x % 40) < 6
+    behind = torch.where(on_sign, sign, sky).double()
+    radius = torch.where(on_wire, wire, behind)
+    within = (abs(y - 60) < 38 - abs(sign)) & (abs(x - 80) < 58 - abs(sign))
+    everywhere = torch.ones(size, dtype=torch.bool)
+    seen = []
+    for light in (1.0, 0.2):
+        far = torch.where(on_sign, 0.2, light).double().expand(3, *size)
+        image = torch.where(on_wire, 0.05, far)
+        hidden = Behind(far, behind, everywhere) if known else None
+        seen.append(render(image, radius, quality=quality, hidden=hidden).render)
+    assert (seen[0] - seen[1])[:, within].abs().max() < 2e-3
+
+
 def crossing(wall: float = 0.0, wire: float = -8.0) -> tuple[Tensor, Tensor]:
     """A wall, a level wire before it, and an upright one before both: of one colour each."""
     radius = torch.full(SIZE, wall, dtype=torch.float64)
