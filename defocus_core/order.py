@@ -72,10 +72,10 @@ def add_in_order(
     numbers = {number for some in visible for number in some}
     show({number for number in numbers if number < frame.turns.beyond})
     fill(0)
-    waiting = dict(frame.turns.ahead)
-    for number in sorted(number for number in numbers if number >= frame.turns.beyond):
-        for octave in [octave for octave, first in waiting.items() if first <= number]:
-            del waiting[octave]
+    ahead = frame.turns.ahead  # of layers that are not here, too: no pixel hangs on the tile
+    beyond = {number for number in numbers if number >= frame.turns.beyond}
+    for number in sorted(beyond | set(ahead.values())):
+        for octave in (octave for octave, first in ahead.items() if first == number):
             fill(octave)
         show({number})
     for i, (_, known) in enumerate(hidden):
