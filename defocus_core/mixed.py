@@ -154,6 +154,9 @@ def _taken_apart(
         _within(side, color, side.mean + residual * weight)
         for side, weight in zip((near, far), weights, strict=True)
     )
+    # what a colour out of its range would have held is the other's
+    far_color = _within(far, color, _rest(color, near_color, alpha))
+    near_color = _within(near, color, _rest(color, far_color, 1 - alpha))
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
     known = near.known & far.known & step
@@ -266,6 +269,12 @@ def _deviation(color: Tensor, side: _Side) -> Tensor:
 def _chosen(first: Tensor, a: Tensor, b: Tensor) -> Tensor:
     """Of each pixel the one or the other, [n] or [n, C]."""
     return torch.where(first if a.dim() == 1 else first[:, None], a, b)
+
+
+def _rest(mixed: Tensor, color: Tensor, share: Tensor) -> Tensor:
+    """The other colour of a pixel of which a colour has a share [n, 1]."""
+    left = 1 - share
+    return (mixed - share * color) / torch.where(left > 0, left, 1.0)
 
 
 def _within(side: _Side, mixed: Tensor, color: Tensor) -> Tensor:

@@ -127,3 +127,22 @@ def test_a_blurred_wire_leaves_no_ghost_line() -> None:
     ghost = render(image, radius).render - render(plain, radius).render
     # what is left is the card's further 0.4 px, blurred over 12
     assert worst(ghost[:, 8:-8], 0.0) < 0.04
+
+
+def test_what_print_before_a_leaf_is_taken_apart_into_makes_it_up() -> None:
+    """A colour out of the range of its surface is cut off: what it held is the other surface's."""
+    generator = torch.Generator().manual_seed(1)
+    size, (y, x) = (60, 80), torch.meshgrid(torch.arange(60), torch.arange(80), indexing="ij")
+    ink = torch.rand(20, 27, generator=generator).repeat_interleave(3, 0).repeat_interleave(3, 1)
+    paper = torch.tensor([0.85, 0.8, 0.72]).double()[:, None, None]
+    far = torch.where(ink[:, :80] > 0.5, 0.05, paper)
+    green = torch.tensor([0.06, 0.1, 0.03]).double()[:, None, None]
+    leaf = green * (1 + 0.2 * torch.rand(size, generator=generator).double())
+    near = (x - 40) ** 2 + (y - 30) ** 2 < 18**2
+    image, radius = torch.where(near, leaf, far), torch.where(near, -12.0, 0.0).double()
+    found = unmixed(image, radius)
+    at, layer = found.fringe.at, found.fringe.layer
+    assert len(at)
+    own, pixels = (values[:, at[:, 0], at[:, 1]].T for values in (found.color, image))
+    together = (1 - layer[:, -1:]) * own + layer[:, :-1]
+    torch.testing.assert_close(together, pixels, rtol=0, atol=1e-9)
