@@ -154,9 +154,10 @@ def _taken_apart(
         _within(side, color, side.mean + residual * weight)
         for side, weight in zip((near, far), weights, strict=True)
     )
-    # what a colour out of its range would have held is the other's
-    far_color = _within(far, color, _rest(color, near_color, alpha))
-    near_color = _within(near, color, _rest(color, far_color, 1 - alpha))
+    # what is cut off a colour is the other's, within its range if α was not cut off, too
+    wide = [torch.where(alpha == 0.5, color, one) for one in (far_color, near_color)]
+    far_color = _within(far, wide[0], _rest(color, near_color, alpha))
+    near_color = _within(near, wide[1], _rest(color, far_color, 1 - alpha))
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
     known = near.known & far.known & step
@@ -273,19 +274,15 @@ def _chosen(first: Tensor, a: Tensor, b: Tensor) -> Tensor:
 
 def _rest(mixed: Tensor, color: Tensor, share: Tensor) -> Tensor:
     """The other colour of a pixel of which a colour has a share [n, 1]."""
-    left = 1 - share
-    return (mixed - share * color) / torch.where(left > 0, left, 1.0)
+    return (mixed - share * color) / torch.where(share < 1, 1 - share, 1.0)
 
 
-def _within(side: _Side, mixed: Tensor, color: Tensor) -> Tensor:
-    """A colour in the range of its surface, of two deviations, and of the pixel it is taken from.
-
-    Not negative, unless the pixel is.
-    """
+def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
+    """A colour in the range of its surface, of two deviations, widened to hold another; >= 0, too."""
     reach = 2 * side.variance.sqrt()
-    color = torch.maximum(color, torch.minimum(side.mean - reach, mixed))
-    color = torch.minimum(color, torch.maximum(side.mean + reach, mixed))
-    return torch.maximum(color, mixed.clamp(max=0))
+    color = torch.maximum(color, torch.minimum(side.mean - reach, other))
+    color = torch.minimum(color, torch.maximum(side.mean + reach, other))
+    return torch.maximum(color, other.clamp(max=0))
 
 
 def _mixture(color: Tensor, near: _Side, far: _Side, own: Tensor) -> Tensor:
