@@ -200,7 +200,7 @@ def _depth(path: Path, channel: str, values: Any, unit: str, kind: str, keeping:
         with np.errstate(over="ignore"):  # a double beyond float32 is sky
             found = given.astype(np.float32)
         sky = found >= SKY
-        if given.dtype == np.float16:
+        if given.dtype.newbyteorder("=") == np.float16:
             largest = given == HALF_SKY
             half_sky |= bool(largest.any())
             sky |= largest

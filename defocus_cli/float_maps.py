@@ -7,6 +7,7 @@ little endian. OpenImageIO returns the rows upside down or not depending on how 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -85,13 +86,15 @@ def _pfm(path: Path) -> NDArray[Any]:
     import numpy as np
 
     head = read_head(path, 256)
-    # The fourth word ends with exactly one blank; what follows may look like a blank too.
+    # The fourth word ends with its line, or one blank; what follows may look like a blank too.
     words = head.split(maxsplit=4)[:4]
     if words[:1] == [b"PF"]:
         raise InputError(path, "is a colour PFM (PF); depth has one channel (Pf)", "save it grey")
     try:
         width, height, scale = int(words[1]), int(words[2]), float(words[3])
-        start = _end_of_word(head, words) + 1
+        end = _end_of_word(head, words)
+        line = re.match(rb"[ \t\r]*\n", head[end:])
+        start = end + (line.end() if line else 1)
         if words[0] != b"Pf" or not math.isfinite(scale) or scale == 0:
             raise ValueError("scale 0" if words[0] == b"Pf" else "no Pf")
     except (ValueError, IndexError) as error:
@@ -100,6 +103,9 @@ def _pfm(path: Path) -> NDArray[Any]:
     there, wanted = path.stat().st_size - start, width * height * 4
     if there < wanted:
         problem = f"is truncated: {there} bytes of pixels, {wanted} expected"
+        raise InputError(path, problem, _AGAIN)
+    if there > wanted:
+        problem = f"holds {there - wanted} bytes more than the {wanted} of pixels of its header"
         raise InputError(path, problem, _AGAIN)
     dtype = np.dtype("<f4" if scale < 0 else ">f4")
     return np.memmap(path, dtype, "r", start, (height, width))[::-1]

@@ -92,7 +92,10 @@ def angle(text: str) -> float:
     number, unit = _split(text.replace("°", "deg"), "an angle", "write degrees, like 15deg")
     if unit not in ("", "deg"):
         raise QuantityError(f"'{text}' has an unknown unit", "write degrees, like 15deg")
-    return float(number)
+    degrees = float(number)
+    if abs(degrees) > 360:
+        raise QuantityError(f"'{text}' is more than a turn", "give -360 to 360 degrees")
+    return degrees
 
 
 def blades(text: str) -> int:

@@ -180,6 +180,9 @@ def _upright(
 
 def _said(path: Path, spec: Any, kind: str) -> Raster:
     width, height = spec.width, spec.height
+    if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
+        problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
+        raise InputError(path, problem, "save it with black as 0")
     if spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8):
         width, height = height, width
     return Raster(

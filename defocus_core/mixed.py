@@ -278,7 +278,7 @@ def _rest(mixed: Tensor, color: Tensor, share: Tensor) -> Tensor:
 
 
 def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
-    """A colour in the range of its surface, of two deviations, widened to hold another; >= 0, too."""
+    """A colour in the range of its surface, of two deviations, widened to hold another; not < 0."""
     reach = 2 * side.variance.sqrt()
     color = torch.maximum(color, torch.minimum(side.mean - reach, other))
     color = torch.minimum(color, torch.maximum(side.mean + reach, other))

@@ -129,6 +129,9 @@ def test_the_largest_half_is_sky_in_half_channels_only(tmp_path: Path) -> None:
     read = read_depth(tmp_path / "a.exr")
     assert read.metres.tolist() == [[INF, 65472, INF]]
     assert read.note == "EXR half channel Z, metres, 65504 taken as sky"
+    for order in "<>":
+        np.save(tmp_path / "a.npy", np.array([[65504, 65472, np.inf]], f"{order}f2"))
+        assert read_depth(tmp_path / "a.npy").metres.tolist() == [[INF, 65472, INF]]
 
 
 def test_require_valid_names_count_and_first_pixel(tmp_path: Path) -> None:
@@ -162,9 +165,21 @@ def test_pfm_rows_run_from_bottom_to_top(tmp_path: Path, order: str) -> None:
     assert read.note == "PFM, metres"
 
 
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b" \n", b" "])
+def test_the_header_of_a_pfm_ends_with_its_line(tmp_path: Path, end: bytes) -> None:
+    values = plane()
+    values[-1, 0] = np.frombuffer(b"\n\r A", "<f4")[0]  # pixels may look like an end of a line
+    body = b"" if end == b" " else values[::-1].astype("<f4").tobytes()
+    body = body or plane()[::-1].astype("<f4").tobytes()
+    (tmp_path / "a.pfm").write_bytes(b"Pf\n6 5\n-1.0" + end + body)
+    expected = plane() if end == b" " else values
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.pfm").metres, expected)
+
+
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
+        (b"Pf\n6 5\n-1\n" + bytes(121), "1 bytes more than the 120 of pixels"),
         (b"Pf\n6 5\n-1\n" + bytes(119), "truncated: 119 bytes of pixels, 120 expected"),
         (b"Pf\n6 5\n0\n" + bytes(120), "damaged PFM header"),
         (b"Pf\n6", "damaged PFM header"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import zlib
 from pathlib import Path
 from typing import Any
@@ -234,6 +235,28 @@ def test_luminance_chroma_is_not_taken_for_grey(tmp_path: Path) -> None:
     write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
     with pytest.raises(InputError, match="no colour channels"):
         read_color(tmp_path / "a.exr")
+
+
+def test_nor_if_its_chroma_is_subsampled(tmp_path: Path) -> None:
+    planes, path = random_planes("Y"), tmp_path / "a.exr"
+    write_exr(path, {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
+    data = bytearray(path.read_bytes())
+    for name in (b"RY\0", b"BY\0"):
+        sampling = data.index(name) + len(name) + 8  # behind the type and what is reserved
+        data[sampling : sampling + 8] = struct.pack("<II", 2, 2)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="no colour channels"):
+        read_color(path)
+
+
+def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.tif", integers(16, 1))
+    data = path.read_bytes()
+    black_is_0 = struct.pack("<HHII", 262, 3, 1, 1)
+    assert black_is_0 in data
+    path.write_bytes(data.replace(black_is_0, struct.pack("<HHII", 262, 3, 1, 0)))
+    with pytest.raises(InputError, match="stores white as 0"):
+        read_color(path)
 
 
 def test_bad_files_are_told_in_one_line_and_nothing_is_printed(

@@ -72,6 +72,12 @@ def test_angles_are_degrees_said_or_not(text: str, degrees: float) -> None:
     assert quantities.angle(text) == degrees
 
 
+@pytest.mark.parametrize("text", ["361", "-1e300deg"])
+def test_angles_are_no_more_than_a_turn(text: str) -> None:
+    with pytest.raises(QuantityError, match="more than a turn"):
+        quantities.angle(text)
+
+
 @pytest.mark.parametrize("text", ["0.3rad", "x"])
 def test_angles_in_other_units_are_refused(text: str) -> None:
     with pytest.raises(QuantityError, match="15deg"):
