@@ -2,7 +2,7 @@
 
 Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
 radius r_k in front of it at q + u (r_q - r_k). Squares of a disc before which nothing can stand
-are not looked at.
+are not looked at. Discs of few pixels have few u: what they lose is the mean over the lens.
 """
 
 from __future__ import annotations
@@ -21,6 +21,10 @@ from defocus_core.tiling import BLOCK, blocks_of
 _BEFORE = (1.513, 0.1513)
 # Px towards a light by which a place between two pixels is nearer to the one of them.
 _TOWARDS = 0.01
+# Radius in px below which a light loses as much all over its disc.
+_SMALL = 2.013
+# Lens points from the middle to the rim by which it is told how much: flips and turns change none.
+_POINTS = 8
 # Samples looked at at once: bounds memory.
 _SAMPLES = 1 << 17
 
@@ -79,12 +83,16 @@ class _Lights(NamedTuple):
         limit: [n] px, radii below which a surface stands before each.
         before: [n, k] bool, whether slices do.
         scale: [n, k] px in a slice per px in the disc.
+        small: [n] bool, whether a disc has few pixels.
+        spread: [n, k] px in a slice per radius of the lens.
     """
 
     at: Tensor
     limit: Tensor
     before: Tensor
     scale: Tensor
+    small: Tensor
+    spread: Tensor
 
     def some(self, which: Tensor | slice) -> _Lights:
         """Some of them."""
@@ -137,9 +145,10 @@ class Obstruction:
         radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
         before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
         rungs = torch.nonzero(before.any(0))[:, 0]
-        r = radius[:, None]  # where it is 0 only the pixel itself is drawn
-        scale = torch.where(r.abs() > 0.5, 1 - radii[rungs] / r, 1.0)
-        return rungs, _Lights(at, limit, before[:, rungs], scale)
+        r, small = radius[:, None], radius.abs() < _SMALL
+        spread = r - radii[rungs]
+        scale = spread / torch.where(small[:, None], 1.0, r)
+        return rungs, _Lights(at, limit, before[:, rungs], scale, small, spread)
 
     def _met(self, lights: _Lights, rungs: Tensor, squares: Squares) -> Tensor:
         """Whether slices are in blocks before squares of discs: [n, k, across, across] bool."""
@@ -147,10 +156,13 @@ class Obstruction:
         last = (first + squares.side - 1).clamp(max=squares.extent)
         ends = []
         for axis, length in enumerate(self._places.shape):
-            at = lights.at[:, axis, None, None]
+            at, small = lights.at[:, axis, None, None], lights.small[:, None, None]
+            lens = lights.spread[:, :, None]
             one, other = (
-                _pixel(at, lights.scale[:, :, None] * x, length).div(BLOCK, rounding_mode="floor")
-                for x in (first, last)
+                _pixel(
+                    at, torch.where(small, end * lens, lights.scale[:, :, None] * x), length
+                ).div(BLOCK, rounding_mode="floor")
+                for end, x in ((-1, first), (1, last))
             )
             low, high = torch.minimum(one, other), torch.maximum(one, other)
             ends.append((low, high + 1))
@@ -180,8 +192,19 @@ class Obstruction:
         H, W = self._places.shape
         offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
         stopped = lights.scale.new_zeros(len(corner), side, side)
+        points = _lens_points(lights.scale)
+        of_lens = lights.scale.new_zeros(len(corner), len(points))
         for k, rung in enumerate(rungs.tolist()):
-            here = torch.nonzero(slices[:, k])[:, 0]
+            few = torch.nonzero(slices[:, k] & lights.small)[:, 0]
+            if len(few):
+                some = lights.some(few)
+                row, column = (
+                    _pixel(some.at[:, axis, None], some.spread[:, k, None] * u, length)
+                    for axis, u, length in ((0, points[:, 1], H), (1, points[:, 0], W))
+                )
+                share = self._covered(row * W + column, rung, some.limit[:, None])
+                of_lens.index_add_(0, few, share)
+            here = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
             some = lights.some(here)
             y, x = (some.scale[:, k, None, None] * offset[here]).unbind(1)
             row, column = (
@@ -189,10 +212,22 @@ class Obstruction:
                 for axis, (away, length) in enumerate(((y, H), (x, W)))
             )
             spot = row[:, :, None] * W + column[:, None, :]
-            near = self._signed_radius.flatten()[spot] < some.limit[:, None, None]  # not its own
-            share = (1 - (self._places.flatten()[spot] - rung).abs()).clamp(min=0)
-            stopped.index_add_(0, here, near * share)
-        return stopped.clamp(max=1)
+            share = self._covered(spot, rung, some.limit[:, None, None])
+            stopped.index_add_(0, here, share)
+        mean = of_lens.clamp(max=1).mean(1)[:, None, None]
+        return torch.where(lights.small[:, None, None], mean, stopped.clamp(max=1))
+
+    def _covered(self, spot: Tensor, rung: int, limit: Tensor) -> Tensor:
+        """What a slice covers of some pixels, of surfaces nearer than a limit."""
+        near = self._signed_radius.flatten()[spot] < limit  # not its own
+        return near * (1 - (self._places.flatten()[spot] - rung).abs()).clamp(min=0)
+
+
+def _lens_points(like: Tensor) -> Tensor:
+    """[J, 2] lens points, x and y, spread evenly over the pupil."""
+    place = (torch.arange(-_POINTS, _POINTS, dtype=like.dtype, device=like.device) + 0.5) / _POINTS
+    points = torch.cartesian_prod(place, place)
+    return points[points.square().sum(1) < 1]
 
 
 def nearer_than(radius: Tensor) -> Tensor:

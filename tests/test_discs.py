@@ -33,31 +33,58 @@ def lights(radii: Tensor, *, at: list[tuple[int, int]]) -> Highlights:
 def pixel_by_pixel(
     some: Highlights, signed_radius: Tensor, aperture: Aperture, part: Part
 ) -> Tensor:
-    """Each disc pixel: the kernel, times what no slice before it stops."""
+    """Each disc pixel: the kernel, times what no slice before it stops.
+
+    Of a disc of few pixels that is the mean over the lens, for all of them.
+    """
     picture = torch.zeros(3, H, W, dtype=torch.float64)
-    places = position(signed_radius, RADII)
+    scene = (signed_radius.tolist(), position(signed_radius, RADII).tolist())
     for (row, column), excess, r in zip(
         some.at.tolist(), some.excess, some.signed_radius.tolist(), strict=True
     ):
         extent = math.ceil(abs(r))
         disc = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, part)
         limit = r - max(1.5, 0.15 * abs(r))
+
+        grid = [(k + 0.5) / 8 for k in range(-8, 8)]
+        lens = [(y, x) for y in grid for x in grid if math.hypot(y, x) < 1]
+        small = abs(r) < 2.013
+        at, spread = (row, column), [r - radius for radius in RADII]
+        mean = sum(come_through(at, limit, u, spread, scene) for u in lens) / len(lens)
         for dy in range(-extent, extent + 1):
             for dx in range(-extent, extent + 1):
-                y, x, free = row + dy, column + dx, 1.0
+                y, x = row + dy, column + dx
                 if not (0 <= y < H and 0 <= x < W):
                     continue
-                for k, radius in enumerate(RADII):
-                    if radius < limit:
-                        scale = 1 - radius / r if abs(r) > 0.5 else 1.0
-                        q = (
-                            min(max(round(row + scale * dy), 0), H - 1),
-                            min(max(round(column + scale * dx), 0), W - 1),
-                        )
-                        if signed_radius[q] < limit:
-                            free -= max(0.0, 1 - abs(float(places[q]) - k))
-                picture[:, y, x] += disc[dy + extent, dx + extent] * max(free, 0.0) * excess
+                scale = [px / r for px in spread] if r else spread
+                u = (dy, dx)
+                free = mean if small else come_through(at, limit, u, scale, scene)
+                picture[:, y, x] += disc[dy + extent, dx + extent] * free * excess
     return picture
+
+
+def come_through(
+    at: tuple[int, int],
+    limit: float,
+    away: tuple[float, float],
+    scale: list[float],
+    scene: tuple[list[list[float]], list[list[float]]],
+) -> float:
+    """What no slice nearer than a limit stops, so many times as far away from a light."""
+    radii, places = scene
+    free = 1.0
+    for k, radius in enumerate(RADII):
+        if radius < limit:
+            ends = zip(at, away, (H, W), strict=True)
+            y, x = (min(max(_at(a, scale[k] * d), 0), n - 1) for a, d, n in ends)
+            if radii[y][x] < limit:
+                free -= max(0.0, 1 - abs(places[y][x] - k))
+    return max(free, 0.0)
+
+
+def _at(light: int, away: float) -> int:
+    """The pixel nearest to a place; of two the one towards the light."""
+    return round(light + away - math.copysign(0.01, away))
 
 
 def drawn(

@@ -1,5 +1,6 @@
 """Nearer covers farther, never the reverse: cards before backgrounds against explicit layers."""
 
+import math
 from functools import cache
 
 import pytest
@@ -127,3 +128,23 @@ def test_a_light_behind_a_card_in_focus_stays_behind_it() -> None:
     assert worst(picture[:, card], image[:, card]) < 1e3 * EXACT
     assert picture[0, row, edge + 1] > 5
     assert column < edge
+
+
+@pytest.mark.parametrize("quality", ["standard", "high"])
+@pytest.mark.parametrize("edge", [-15.0, -40.0])
+def test_a_light_in_focus_is_dimmed_by_what_is_blurred_before_it(edge: float, quality: str) -> None:
+    """By the share of the lens that sees it past an edge so many px away."""
+    height, width, begins = 60, 140, 70
+    radius = torch.zeros(height, width, dtype=torch.float64)
+    radius[:, :begins] = edge
+    image = torch.where(radius < 0, 0.1, 0.2).expand(3, -1, -1).clone()
+    for away in (2, 5, 8, 11):
+        lit = image.clone()
+        lit[:, 30, begins + away] += 300.0
+        light = (
+            render(lit, radius, quality=quality).render
+            - render(image, radius, quality=quality).render
+        )
+        u = -(away + 0.5) / abs(edge)  # lens points before that see the near card
+        hidden = (math.acos(-u) + u * math.sqrt(1 - u * u)) / math.pi
+        assert float(light[0].sum() / 300) == pytest.approx(1 - hidden, abs=0.05)
