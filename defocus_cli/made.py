@@ -71,6 +71,8 @@ class Made:
 def mended_words(mending: Mending) -> str:
     """What was done to the depth before it was rendered; empty if nothing."""
     done = []
+    if mending.noise is not None:
+        done.append(f"noisy by {mending.noise:.2g} px of radius, smoothed within surfaces")
     if mending.antialiased is not None:
         of = "disparity" if math.isinf(mending.antialiased) else "distance"
         done.append(f"anti-aliased as averages of {of}, its edges made hard")

@@ -9,30 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from types import EllipsisType
 
 import torch
 from torch import Tensor
 
+from defocus_core.derived import Derived, held
 from defocus_core.halving import halved
 from defocus_core.known import Behind
-from defocus_core.source import Pixels, bands
-from defocus_core.threads import threaded
+from defocus_core.source import Pixels
 from defocus_core.ties import halfway
 
 # Px of radius by which the pixels of a cell may differ and still show one surface.
 _STEEP = 1.013
 # How many times as bright as the others together a pixel of a cell is that gives its radius.
 _BRIGHTER = 4.0
-# Cells that are kept in memory of a picture that is not.
-_HELD = 1 << 22
 _EVEN = (False, False)
 
-Cut = slice | EllipsisType
 
-
-class HalfSize:
-    """Cells [..., ceil(H / 2), ceil(W / 2)], as a `Source`."""
+class HalfSize(Derived):
+    """Cells [..., ceil(H / 2), ceil(W / 2)]."""
 
     def __init__(self, merge: Callable[..., Tensor], *pictures: Pixels) -> None:
         """Nothing is looked at yet.
@@ -43,41 +38,18 @@ class HalfSize:
         """
         self._merge, self._pictures = merge, pictures
         H, W = pictures[0].shape[-2:]
-        self._size = (H + 1) // 2, (W + 1) // 2
-        first = self[:1, :1]
-        self.shape = (*first.shape[:-2], *self._size)
+        first = self.made((0, 1), (0, 1))
+        self.shape = (*first.shape[:-2], (H + 1) // 2, (W + 1) // 2)
         self.dtype, self.device = first.dtype, first.device
 
-    def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
-        """What slices of rows, or of rows and columns, cut; with steps, band by band."""
-        cuts = [cut for cut in _all(window) if isinstance(cut, slice)]
-        cuts += [slice(None)] * (2 - len(cuts))
-        (top, below, step), (left, beside, stride) = map(slice.indices, cuts, self._size)
-        if step == stride == 1:
-            return self._cells((top, below), (left, beside))
-        rows = bands(*self._size)[0][1] // step * step or step
-        some = (
-            self._cells((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
-        )
-        return torch.cat([cells[..., ::step, ::stride] for cells in some], -2)
-
-    def _cells(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """Those from the first to before the end."""
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """Cells from the first to before the end."""
         down, across = (slice(2 * first, 2 * max(end, first)) for first, end in (rows, columns))
         return self._merge(*(_evened(x[..., down, across]) for x in self._pictures))
 
-    def at_once(self, threads: int) -> Tensor:
-        """All of it, computed in bands."""
-        rows = bands(*self.shape[-2:])
-        return torch.cat(
-            list(threaded(lambda some: self[..., some[0] : some[1], :], rows, threads)), -2
-        )
-
 
 def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hold: bool) -> Pixels:
-    """Cells of pictures: made now and held, or made whenever they are asked for.
-
-    They are held if they may be, if the frame is in memory itself, and if it is not large.
+    """Cells of pictures, `held` or made whenever they are asked for.
 
     Args:
         merge: As for `HalfSize`.
@@ -85,11 +57,7 @@ def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hol
         threads: Bands that are made at once.
         hold: Whether there is room for them.
     """
-    cells = HalfSize(merge, *pictures)
-    in_memory = all(isinstance(picture, Tensor) for picture in pictures)
-    if hold or in_memory or cells.shape[-2] * cells.shape[-1] <= _HELD:
-        return cells.at_once(threads)
-    return cells
+    return held(HalfSize(merge, *pictures), *pictures, threads=threads, hold=hold)
 
 
 def behind_at_half_size(behind: Behind, threads: int, *, hold: bool) -> Behind:
@@ -163,10 +131,6 @@ def _of_most(radii: Tensor, share: Tensor) -> Tensor:
 def _corners(px: Tensor) -> list[Tensor]:
     """The four px [..., h, w] of each cell."""
     return [px[..., y::2, x::2] for y in (0, 1) for x in (0, 1)]
-
-
-def _all(window: Cut | tuple[Cut, ...]) -> tuple[Cut, ...]:
-    return window if isinstance(window, tuple) else (window,)
 
 
 def _evened(px: Tensor) -> Tensor:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import EllipsisType
 
 from torch import Tensor
 
+from defocus_core.derived import Derived
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box
 
 
-class Mended:
-    """Radii [H, W] px, as a `Source`, changed by what depends on a few pixels around."""
+class Mended(Derived):
+    """Radii [H, W] px, changed by what depends on a few pixels around."""
 
     def __init__(
         self,
@@ -34,9 +34,9 @@ class Mended:
         self.dtype = signed_radius.dtype
         self.device = signed_radius.device
 
-    def __getitem__(self, window: tuple[EllipsisType, slice, slice]) -> Tensor:
-        """What a box cuts."""
-        (top, below), (left, beside) = ((cut.start, cut.stop) for cut in window[1:])
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """Those from the first to before the end."""
+        (top, below), (left, beside) = rows, columns
         box = Box(top, left, below - top, beside - left)
-        around = box.grown(self._around, Box(0, 0, *self.shape))
+        around = box.grown(self._around, Box(0, 0, *self.shape[-2:]))
         return box.seen_from(around).of(self._mend(*map(around.of, self._given)))

@@ -7,7 +7,10 @@ from typing import NamedTuple
 
 from defocus_core.antialiased import AROUND as AROUND_AVERAGES
 from defocus_core.antialiased import without_averages
+from defocus_core.derived import held
 from defocus_core.mended import Mended
+from defocus_core.noise import AROUND as AROUND_NOISE
+from defocus_core.noise import noise_of, without_noise
 from defocus_core.ramps import AROUND as AROUND_RAMPS
 from defocus_core.ramps import without_ramps
 from defocus_core.soft_edges import AROUND as AROUND_SOFT_EDGES
@@ -27,12 +30,15 @@ class Mending(NamedTuple):
         soft_edges: Slope in px per px of edges that are soft, to be put where colours have theirs;
             None where most are hard.
         terraces: Whether small steps are to be made slopes.
+        noise: Standard deviation in px of noise that was taken out before all else; None if there
+            was none.
     """
 
     antialiased: float | None = None
     ramps: bool = False
     soft_edges: float | None = None
     terraces: bool = False
+    noise: float | None = None
 
     @property
     def is_told(self) -> bool:
@@ -57,3 +63,21 @@ class Mending(NamedTuple):
         if self.terraces:
             signed_radius = Mended(signed_radius, without_terraces, AROUND_TERRACES)
         return signed_radius
+
+
+def denoised(signed_radius: Pixels, threads: int, *, hold: bool) -> tuple[Pixels, float | None]:
+    """Radii [H, W] px without noise, before anything else is seen in them, and how much it was.
+
+    Args:
+        signed_radius: [H, W] px, as given.
+        threads: Bands that are computed at once.
+        hold: Whether there is room for them.
+
+    Returns:
+        The radii, and the standard deviation in px; as they are and None if there is no noise.
+    """
+    noise = noise_of(signed_radius)
+    if noise is None:
+        return signed_radius, None
+    quiet = Mended(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
+    return held(quiet, signed_radius, threads=threads, hold=hold), noise

@@ -16,7 +16,7 @@ from defocus_core.frame import frame_of
 from defocus_core.guards import described, number, whole
 from defocus_core.half_size import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.known import Behind
-from defocus_core.mending import Mending
+from defocus_core.mending import Mending, denoised
 from defocus_core.quality import Quality
 from defocus_core.slicing import SHARP
 from defocus_core.source import Pixels, banded
@@ -81,6 +81,7 @@ class Picture:
             threads=threads,
             tile=tile,
         )
+        signed_radius, noise = denoised(signed_radius, threads, hold=hold)
         exact = num_layers is not None or psf_ks is not None
         self.at_half_size = quality.half_size and not exact and _is_blurred(signed_radius)
         self._enlarging: Enlarging | None = None
@@ -89,14 +90,14 @@ class Picture:
             self.frame = looked_at(
                 image, signed_radius, quality=quality, hidden=hidden, infinity=infinity
             )
-            self.mending = self.frame.mending
+            self.mending = self.frame.mending._replace(noise=noise)
             return
         if hidden is not None:
             self._hidden = behind_at_half_size(hidden, threads, hold=hold)
         looked_at = partial(looked_at, quality=quality.in_cells(), hidden=self._hidden)
         made = partial(half_size, threads=threads, hold=hold)
         dtype = torch.promote_types(signed_radius.dtype, torch.float32)
-        self.mending = mending_of(signed_radius, dtype, threads, infinity)
+        self.mending = mending_of(signed_radius, dtype, threads, infinity)._replace(noise=noise)
         # cells do not tell: halving hardens what is soft
         of_px = self.mending.mended(signed_radius, image) if self.mending.is_told else signed_radius
         cells, radii = made(means, image), made(radii_in_cells, of_px, image)

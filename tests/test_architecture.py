@@ -41,6 +41,7 @@ LAYERS = [
         "convolution",
         "mended",
         "mixed",
+        "noise",
         "points",
         "ramps",
         "sheets",
@@ -50,6 +51,7 @@ LAYERS = [
     | {"thin_lens"},
     {
         "aperture",
+        "derived",
         "neighbours",
         "halving",
         "metrics",

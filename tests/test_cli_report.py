@@ -119,6 +119,21 @@ def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path: Path) -> None:
         assert ("of few levels, smoothed between them" in ran.err) is said
 
 
+def test_noise_of_depth_is_said_to_be_smoothed(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    noise = np.random.default_rng(1).normal(0, 0.02, (96, 144))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
+    for name, scattered, said in (("noisy", noise, True), ("smooth", 0 * noise, False)):
+        metres = (1 / (0.4 + scattered)).astype(np.float32)
+        depth = depth_exr(tmp_path / f"{name}.exr", metres)
+        for ran in (
+            run("render", color, depth, *lens, "-o", tmp_path / name, "-v"),
+            run("info", depth, *lens),
+        ):
+            assert ran.code == 0
+            assert ("px of radius, smoothed within surfaces" in ran.err + ran.out) is said
+
+
 def test_soft_edges_of_depth_are_said_to_be_moved(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")

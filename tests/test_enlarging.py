@@ -8,7 +8,7 @@ from scenes import card_layers
 from test_stream import Windows, put_together, same
 from torch import Tensor
 
-from defocus_core import half_size, render
+from defocus_core import derived, render
 from defocus_core.hidden import HiddenLayer
 from defocus_core.known import Behind
 from defocus_core.scenery import scenery
@@ -104,7 +104,7 @@ def test_a_stream_of_a_draft_is_its_rendering(
     behind = hidden if kind == "cards" else None
     whole = render(image, radius, quality="draft", left_right=True, hidden=behind)
     if not held:
-        monkeypatch.setattr(half_size, "_HELD", 0)
+        monkeypatch.setattr(derived, "_HELD", 0)
     stream = Stream(
         Windows(image),
         Windows(radius),

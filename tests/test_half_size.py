@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import half_size as halving
+from defocus_core import derived
 from defocus_core.half_size import (
     HalfSize,
     behind_at_half_size,
@@ -73,7 +73,7 @@ def test_what_is_known_of_a_cell_is_what_is_known_of_its_pixels() -> None:
 
 
 def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(halving, "_HELD", 0)
+    monkeypatch.setattr(derived, "_HELD", 0)
     image = noise(2, 21, 34)
     whole = half_size(means, image, threads=2, hold=False)
     assert isinstance(whole, Tensor)

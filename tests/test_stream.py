@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import half_size
+from defocus_core import derived
 from defocus_core.hidden import HiddenLayer
 from defocus_core.known import Behind
 from defocus_core.planning import plan
@@ -96,7 +96,7 @@ def test_no_window_is_as_high_as_a_high_frame() -> None:
 
 
 def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(half_size, "_HELD", 0)
+    monkeypatch.setattr(derived, "_HELD", 0)
     image, radius = scenery("cards", 512, 512, 12.0)
     whole, looked_at = render(image, radius, quality="draft"), {}
     for hold in (False, True):
