@@ -28,8 +28,9 @@ _LEAST, _SHARE = 0.02013, 0.1
 _INTERVALS = 48
 # Median of by how much they do, from the mean of the two, in standard deviations.
 _MEDIAN = 1.1606
-# What is off by so many standard deviations, or px, belongs to another surface.
-_SURE, _MOST = 4.0, 3.513
+# What is off by so many standard deviations, or px, belongs to another surface; unless it stands
+# alone and is off by no more than that.
+_SURE, _MOST, _ALONE = 4.0, 3.513, 6.0
 # The pixels within so many px are looked at, so many times.
 _NEAR, _TIMES = 2, 2
 # Px around a pixel that decide what it becomes.
@@ -91,13 +92,15 @@ def _scatter(r: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
     """Radii [H, W] px without noise of some standard deviation in px."""
     radii = signed_radius.to(torch.promote_types(signed_radius.dtype, torch.float32))
+    most = torch.full_like(radii, min(_SURE * noise, _MOST))
     for _ in range(_TIMES):
-        radii = _smoothed(radii, min(_SURE * noise, _MOST))
+        radii, alone = _smoothed(radii, most)
+        most = torch.where(alone, min(_ALONE * noise, _MOST), most)
     return radii
 
 
-def _smoothed(radii: Tensor, most: float) -> Tensor:
-    """Means of the pixels around that differ by no more than so many px."""
+def _smoothed(radii: Tensor, most: Tensor) -> tuple[Tensor, Tensor]:
+    """Means of the pixels around that differ by no more than so many px; and where none does."""
     H, W = radii.shape
     framed = pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
 
@@ -107,7 +110,7 @@ def _smoothed(radii: Tensor, most: float) -> Tensor:
     total, count = torch.zeros_like(radii), torch.ones_like(radii)
     for y, x in _HALF:
         pair = beside(y, x), beside(-y, -x)
-        near = torch.maximum(*(each.detach().abs() for each in pair)) <= most
-        total = total + torch.where(near, pair[0] + pair[1], 0.0)
-        count += 2 * near
-    return radii + total / count
+        near = (torch.maximum(*(each.detach().abs() for each in pair)) <= most).to(radii)
+        total = total.addcmul(pair[0] + pair[1], near)
+        count.add_(near, alpha=2)
+    return radii + total / count, count == 1

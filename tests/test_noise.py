@@ -97,6 +97,12 @@ def test_noise_goes_and_edges_stay() -> None:
     assert worst(without_noise(wire, 0.3), wire) == 0
 
 
+def test_no_pixel_stands_out_that_scatters_most() -> None:
+    """One that did would be an edge, and what hides nothing would be looked behind."""
+    found = without_noise(scatter(0.3, (600, 600)), 0.3)
+    assert float(found.abs().max()) < 0.6
+
+
 def test_slopes_stay() -> None:
     y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
     plane = 0.4 * x - 0.2 * y[:, None]
