@@ -2,7 +2,8 @@
 
 A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
 any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
-`defocus merge` indexes all of them. A retry adds what it did to the index that is there.
+`defocus merge` indexes all of them. A retry adds what it did to the index that is there. Shards
+that are there go with the index: they are packed again in their size if samples changed.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from defocus_cli import dataset_index, report, tar_shards
-from defocus_cli.journal import read_all
+from defocus_cli.journal import Record, read_all
 from defocus_cli.ledger import Ledger
 from defocus_cli.quantities import counted
 
@@ -21,7 +22,7 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
 
     Args:
         out: what was written to.
-        shards_size: bytes that a tar is at most; None for no tars.
+        shards_size: bytes that a tar is at most; None for no tars but those that are there.
         asked: names of the samples to list, as far as they are done; None for all in OUT.
 
     Returns:
@@ -36,8 +37,24 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
         _tell_of_others(out, dataset_index.names(records) - dataset_index.names(own))
         records = own
     written = [dataset_index.write(out, records)]
-    if shards_size is not None:
-        written += tar_shards.write(out, records, shards_size)
+    if shards_size is None:
+        return written + _followed(out, records)
+    return written + tar_shards.write(out, records, shards_size)
+
+
+def _followed(out: Path, records: list[Record]) -> list[Path]:
+    """Pack the shards that are there again, if samples changed, so that they are those indexed."""
+    if not tar_shards.there(out):
+        return []
+    folder, size = out / tar_shards.FOLDER, tar_shards.packed_in(out)
+    if size is None:
+        problem = f"may hold other samples than {dataset_index.NAME}"
+        report.say(f"{folder}: warning: {problem}; --shards-size packs them again")
+        return []
+    before = tar_shards.listed(out)
+    written = tar_shards.write(out, records, size)
+    if tar_shards.listed(out) != before:
+        report.say(f"{folder}: packed again, as samples changed; remove it if it is not wanted")
     return written
 
 

@@ -160,7 +160,8 @@ def shards_size_option(command: Command) -> Command:
         "--shards-size",
         type=Quantity(byte_count, "SIZE"),
         metavar="SIZE",
-        help="When all is done, pack the samples into WebDataset tars of this size, like 1GB.",
+        help="When all is done, pack the samples into WebDataset tars of this size, like 1GB; "
+        "those that are there are packed again if samples change.",
     )(command)
 
 

@@ -2,8 +2,8 @@
 
 Each sample is ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the
 index. The key is the sample_id with _ for each dot, as readers of such tars cut at the first one.
-The same samples make the same bytes. ``shards.json`` beside them lists the shards; those that are
-as listed are not packed again.
+The same samples make the same bytes. ``shards.json`` beside them lists the shards, and the size
+they were packed in; those that are as listed are not packed again.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
         InputError: an output is gone, or a tar cannot be written.
     """
     folder = out / FOLDER
-    before = _listed(folder)
-    listed = []
+    before = listed(out)
+    packed = []
     for number, samples in enumerate(_shards(_samples(out, records), limit)):
         path = folder / f"samples-{number:06}.tar"
         digest = _digest(samples)
@@ -83,15 +83,44 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
         if known is None or known["digest"] != digest or not _has_size(path, known["bytes"]):
             _pack(path, samples)
         size = path.stat().st_size
-        told = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
-        listed.append(told)
+        one = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
+        packed.append(one)
     with written_whole(folder / LIST) as file:
-        file.write(json.dumps({"shards": listed}, indent=1).encode() + b"\n")
-    kept = [folder / str(told["file"]) for told in listed]
+        told = {"limit": limit, "shards": packed}
+        file.write(json.dumps(told, indent=1).encode() + b"\n")
+    kept = [folder / str(one["file"]) for one in packed]
     for path in set(folder.iterdir()) - set(kept):
         if _NAME.fullmatch(path.name):
             path.unlink()
     return kept
+
+
+def there(out: Path) -> bool:
+    """Whether OUT has shards."""
+    with suppress(OSError):
+        return any(_NAME.fullmatch(path.name) for path in (out / FOLDER).iterdir())
+    return False
+
+
+def packed_in(out: Path) -> int | None:
+    """Bytes that the shards of OUT were packed in; None if they do not tell."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return int(_list(out)["limit"])
+    return None
+
+
+def listed(out: Path) -> dict[str, Mapping[str, Any]]:
+    """Shards of an earlier run by name; none where their list is missing or broken."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        shards = _list(out)["shards"]
+        return {
+            str(one["file"]): {"digest": one["digest"], "bytes": one["bytes"]} for one in shards
+        }
+    return {}
+
+
+def _list(out: Path) -> Any:
+    return json.loads((out / FOLDER / LIST).read_text())
 
 
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
@@ -163,16 +192,6 @@ def _digest(samples: Iterable[Sample]) -> str:
         if isinstance(member.source, bytes):
             digest.update(member.source)
     return digest.hexdigest()
-
-
-def _listed(folder: Path) -> dict[str, Mapping[str, Any]]:
-    """Shards of an earlier run by name; none where their list is missing or broken."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        shards = json.loads((folder / LIST).read_text())["shards"]
-        return {
-            str(one["file"]): {"digest": one["digest"], "bytes": one["bytes"]} for one in shards
-        }
-    return {}
 
 
 def _has_size(path: Path, size: object) -> bool:

@@ -6,6 +6,7 @@ import errno
 import os
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -269,6 +270,37 @@ def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:
     assert (out / "shards" / "samples-000000.tar").exists()
     ran = run("batch", path, "-o", out, "--shards-size", "1GB", "--shard", "1/2")
     refused(ran, 2, "--shards-size", "merge")
+
+
+def test_shards_hold_what_the_index_lists_without_being_asked_for_again(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out, "--shards-size", "1GB")
+    tar = out / "shards" / "samples-000000.tar"
+    first = tar.read_bytes()
+    assert "packed again" not in run("batch", path, "-o", out).err
+    assert tar.read_bytes() == first
+
+    def whole() -> bool:
+        with tarfile.open(tar) as files:
+            found = {name: files.extractfile(name) for name in files.getnames()}
+            lines = [file.read() for name, file in found.items() if file and "json" in name]
+        return b"".join(lines) == (out / "metadata.jsonl").read_bytes()
+
+    depth_exr(tmp_path / "depth" / "b.exr", 2 * ramp())
+    ran = run("batch", path, "-o", out, "--json")
+    assert f"{tar.parent}: packed again, as samples changed; remove it" in ran.err
+    assert str(tar) in ran.json["written"]
+    assert whole()
+    path.write_text(JOBS.replace('"1.5m", "2m"', '"3m"'))
+    run("batch", path, "-o", out)
+    assert whole()
+    run("merge", out)
+    assert whole()
+    (tar.parent / "shards.json").unlink()
+    ran = run("batch", path, "-o", out)
+    assert f"{tar.parent}: warning: may hold other samples than metadata.jsonl; --sh" in ran.err
 
 
 def test_a_full_disk_stops_the_batch_and_it_goes_on_later(
