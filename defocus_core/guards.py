@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from operator import index
 from typing import Any, TypeVar
 
@@ -21,6 +22,8 @@ def whole(name: str, value: Any, remedy: str, least: int = 1) -> int:
     """
     number = int(value) if isinstance(value, float) and value.is_integer() else value
     try:
+        if isinstance(value, bool):
+            raise TypeError
         if (number := index(number)) >= least:
             return number
         wanted = f"at least {least}"
@@ -36,11 +39,23 @@ def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
         ValueError: If it is none, or holds several.
     """
     try:
-        if isinstance(value, str | bytes | complex):
+        if isinstance(value, str | bytes | complex | bool):
             raise TypeError
         return float(value.detach() if isinstance(value, Tensor) else value)
     except (TypeError, ValueError, RuntimeError):
         raise ValueError(f"{name} must be one number, got {described(value)}; {remedy}") from None
+
+
+def positive(name: str, value: Any, remedy: str) -> float:
+    """What a number is that is above 0, and finite.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    found = number(name, value, remedy)
+    if not 0 < found < math.inf:
+        raise ValueError(f"{name} must be positive and finite, got {found:g}; {remedy}")
+    return found
 
 
 def numbers(
@@ -90,14 +105,31 @@ def device_named(named: torch.device | str | None) -> torch.device:
     """The device of that name, the CPU for None.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is none, or this machine has none.
     """
     try:
-        return torch.device("cpu" if named is None else named)
+        device = torch.device("cpu" if named is None else named)
     except (RuntimeError, TypeError):
         raise ValueError(
             f"device must be one of torch's, got {named!r}; like cpu or cuda"
         ) from None
+    if device.type != "cpu":
+        count = getattr(getattr(torch, device.type, None), "device_count", int)()
+        if (device.index or 0) >= count:
+            found = f"torch finds {count} of that kind here"
+            raise ValueError(f"device must be one that is there, got {named!r}; {found}, use cpu")
+    return device
+
+
+def floating(dtype: Any) -> torch.dtype:
+    """A floating-point type.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if isinstance(dtype, torch.dtype) and dtype.is_floating_point:
+        return dtype
+    raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
 
 
 def is_picture(value: Any, *dims: int) -> bool:

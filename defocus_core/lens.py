@@ -176,9 +176,9 @@ class DefocusLens(ThinLens):
         return self.signed_coc(points[..., 2]) / (2 * self.pixel_size)
 
     def _axis_point(self, depth: Scalar | None) -> Tensor:
-        z = self._tensor("depth", self.obj_depth if depth is None else depth)
-        number("depth", z, "one map is of one depth in mm")
-        z = z.reshape(())
+        name, given = ("obj_depth", self.obj_depth) if depth is None else ("depth", depth)
+        number(name, given, "one map is of one depth in mm")
+        z = self._distance(name, given).reshape(())
         return torch.stack([torch.zeros_like(z), torch.zeros_like(z), z])
 
     def _image_radius(self, image: Tensor, depth: Tensor) -> Tensor:
@@ -196,12 +196,13 @@ class DefocusLens(ThinLens):
                 f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
                 f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
             )
+        radius = self.signed_radius(planes)  # which looks at the sensor, too
         if width > self.sensor_res[0] or height > self.sensor_res[1]:
             raise ValueError(
                 f"the image must lie within sensor_res={self.sensor_res} (W, H), got "
                 f"{(width, height)}; make the lens with the image's sensor_res"
             )
-        return self.signed_radius(planes)
+        return radius
 
 
 def _fitted(radius: Tensor, ks: int, aperture: Aperture, part: Part) -> Tensor:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
-from defocus_core.guards import described, is_picture, number, numbers, whole
+from defocus_core.guards import described, is_picture, number, numbers, positive, whole
 from defocus_core.lens import DefocusLens
 from defocus_core.quality import find
 from defocus_core.render import render
@@ -100,10 +100,10 @@ class RandomDefocus(torch.nn.Module):
         self.fnum = _range("fnum", fnum)
         self.focus_percentile = _range("focus_percentile", focus_percentile, 100.0)
         self.blades = _choices(blades)
-        self.sensor_width = _positive("sensor_width", sensor_width, "36 is full frame")
+        self.sensor_width = positive("sensor_width", sensor_width, "36 is full frame")
         self.max_radius = None
         if max_radius is not None:
-            self.max_radius = _positive("max_radius", max_radius, "None is no bound")
+            self.max_radius = positive("max_radius", max_radius, "None is no bound")
         self.left_right = left_right
         find(quality)
         self.quality = quality
@@ -260,13 +260,6 @@ def _range(name: str, ends: Range, most: float | None = None) -> Range:
             f"{name} must be (low, high) {where}, got {ends}; equal ends fix the value"
         )
     return low, high
-
-
-def _positive(name: str, value: float, remedy: str) -> float:
-    found = number(name, value, remedy)
-    if not 0 < found < math.inf:
-        raise ValueError(f"{name} must be positive and finite, got {value}; {remedy}")
-    return found
 
 
 def _choices(blades: Sequence[int]) -> tuple[int, ...]:

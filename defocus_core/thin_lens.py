@@ -17,11 +17,12 @@ import math
 import torch
 from torch import Tensor
 
-from defocus_core.guards import device_named, number, numbers, pair
+from defocus_core.guards import device_named, floating, number, numbers, pair, positive
+from defocus_core.sensor import pixel_size
 
 Scalar = float | Tensor
 
-_SIDES = "lengths are in mm, sensor_size and sensor_res are (width, height)"
+_UNITS = "lengths are in mm, an f-number has no unit"
 
 
 class ThinLens:
@@ -66,27 +67,15 @@ class ThinLens:
             ValueError: If a quantity is not positive and finite, the pitches of the two axes differ
                 by more than 1 %, or dtype is not floating point.
         """
-        size, res = pair("sensor_size", sensor_size), pair("sensor_res", sensor_res)
-        quantities = {"foclen": foclen, "fnum": fnum}
-        quantities |= {"sensor width": size[0], "sensor height": size[1]}
-        quantities |= {"horizontal sensor_res": res[0], "vertical sensor_res": res[1]}
-        for name, value in quantities.items():
-            _require_positive(name, value)
-        if not (isinstance(dtype, torch.dtype) and dtype.is_floating_point):
-            raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
-        across, down = size[0] / res[0], size[1] / res[1]
-        if abs(down / across - 1) > 0.01:
-            raise ValueError(
-                f"pixels must be square, got {across:.5g} mm across and {down:.5g} mm down from "
-                f"sensor_size={sensor_size} and sensor_res={sensor_res}; "
-                f"use a sensor height of {across * res[1]:.5g} mm"
-            )
+        for name, value in {"foclen": foclen, "fnum": fnum}.items():
+            positive(name, value, _UNITS)
+        pixel_size(sensor_size, sensor_res)
         self.foclen = foclen
         self.fnum = fnum
-        self.sensor_size = size
-        self.sensor_res = res
+        self.sensor_size = pair("sensor_size", sensor_size)
+        self.sensor_res = pair("sensor_res", sensor_res)
         self.device = device_named(device)
-        self.dtype = dtype
+        self.dtype = floating(dtype)
         self.d_far = -math.inf
         self.d_close = 0.0
         self.obj_depth = -20000.0
@@ -94,8 +83,12 @@ class ThinLens:
 
     @property
     def pixel_size(self) -> float:
-        """Sensor width in mm / width in px, whichever of them changes."""
-        return self.sensor_size[0] / self.sensor_res[0]
+        """Sensor width in mm / width in px, whichever of them changes.
+
+        Raises:
+            ValueError: If they make no sense any more, as at first.
+        """
+        return pixel_size(self.sensor_size, self.sensor_res)
 
     def refocus(self, foc_dist: Scalar) -> None:
         """Focus at a distance of |foc_dist| mm, which may be infinite.
@@ -126,11 +119,11 @@ class ThinLens:
             Diameters in mm, depth's shape.
 
         Raises:
-            ValueError: If a depth is zero or NaN, foclen is no longer less than |foc_dist|, or
-                foclen or fnum no longer positive.
+            ValueError: If a depth is zero or NaN, foclen is no longer less than |foc_dist|, foclen
+                or fnum no longer positive, or d_close not nearer than d_far.
         """
         self._require_real_image("foc_dist", self.foc_dist)
-        z = self._distance("depth", depth).clamp(abs(self.d_close), abs(self.d_far))
+        z = self._limited(self._distance("depth", depth))
         s = self._parameter("foc_dist", z).abs()
         return self._coc_per_disparity(s) * (1 / s - 1 / z)
 
@@ -225,16 +218,31 @@ class ThinLens:
         f = self._parameter("foclen", s)
         return f * f / (self._parameter("fnum", s) * (1 - f / s))
 
+    def _limited(self, z: Tensor) -> Tensor:
+        """Distances, none nearer than d_close or farther than d_far."""
+        none = "0 and -inf are no limits"
+        close, far = (abs(number(name, getattr(self, name), none)) for name in ("d_close", "d_far"))
+        if not (close < math.inf and close <= far and far > 0):
+            raise ValueError(
+                f"d_close must not be farther than d_far, got d_close={close:g} and "
+                f"d_far={far:g} mm away; {none}"
+            )
+        least, most = (
+            torch.as_tensor(limit, dtype=z.dtype, device=z.device).abs().reshape(())
+            for limit in (self.d_close, self.d_far)
+        )
+        return z.clamp(least, most)
+
     def _parameter(self, name: str, other: Tensor) -> Tensor:
         """The attribute of that name as a 0-dim tensor like another."""
         value = getattr(self, name)
         if name != "foc_dist":  # which `refocus` looks at, infinity and all
-            _require_positive(name, value)
+            positive(name, value, _UNITS)
         return torch.as_tensor(value, dtype=other.dtype, device=other.device).reshape(())
 
     def _tensor(self, name: str, value: Scalar) -> Tensor:
         """A tensor of at least float32."""
-        return numbers(name, value, self.dtype, self.device)
+        return numbers(name, value, floating(self.dtype), device_named(self.device))
 
     def _distance(self, name: str, distance: Scalar) -> Tensor:
         z = self._tensor(name, distance).abs()
@@ -243,7 +251,7 @@ class ThinLens:
         return z
 
     def _require_real_image(self, name: str, distance: Scalar) -> None:
-        foclen = number("foclen", self.foclen)
+        foclen = positive("foclen", self.foclen, _UNITS)
         if not isinstance(distance, Tensor):
             distance = torch.tensor(number(name, distance), dtype=torch.float64, device="cpu")
         distances = distance.detach().abs()
@@ -258,12 +266,6 @@ class ThinLens:
         if not bool((c >= 0).all()):
             raise ValueError(f"coc must be a diameter in mm, 0 or more, got {float(c.min())}")
         return c
-
-
-def _require_positive(name: str, value: Scalar) -> None:
-    found = number(name, value, _SIDES)
-    if not 0 < found < math.inf:
-        raise ValueError(f"{name} must be positive and finite, got {found}; {_SIDES}")
 
 
 def _fit(first: torch.Size, second: torch.Size) -> bool:

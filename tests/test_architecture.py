@@ -64,6 +64,7 @@ LAYERS = [
         "recomputed",
         "resampling",
         "scenery",
+        "sensor",
         "slopes",
         "threads",
     },

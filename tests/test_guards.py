@@ -34,7 +34,9 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: lens(torch.ones(2)), r"foclen must be one number, got torch.float32 \[2\]"),
     (lambda: DefocusLens(50, 2, 36, 48), r"sensor_size must be \(width, height\), got 36"),
     (lambda: lens(device="gpu"), "device must be one of torch's, got 'gpu'"),
+    (lambda: lens(device="xpu:9"), "device must be one that is there, got 'xpu:9'; .* use cpu"),
     (lambda: lens(dtype="float32"), "dtype must be floating point, got 'float32'"),
+    (lambda: lens(True), "foclen must be one number, got True"),
     (lambda: lens().refocus(torch.tensor([900.0, 2e3])), "foc_dist must be one number"),
     (lambda: lens().refocus(None), "foc_dist must be one number, got None"),
     (lambda: lens().coc("1m"), "depth must be a number .*, got '1m'; .* without a unit"),
@@ -43,6 +45,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: lens().psf(torch.ones(3), None), "ks must be a whole number, .* got None"),
     (lambda: lens().psf(torch.ones(3), math.nan), "ks must be a whole number, .* got nan"),
     (lambda: lens().psf_map(5), r"grid must be \(rows, columns\), .* got 5"),
+    (lambda: lens().psf(torch.ones(3), True), "ks must be a whole number, .* got True"),
     (lambda: lens().psf_map(depth=torch.ones(2)), "depth must be one number"),
     (lambda: lens().render_rgbd(IMAGE[None].numpy(), DEPTH), "image .* got ndarray of float32"),
     (lambda: lens().render_rgbd(IMAGE[None], None), "depth must be .* got None"),
@@ -87,6 +90,49 @@ def test_what_makes_no_sense_is_refused_by_name(wrong: Callable[[], Any], said: 
     with pytest.raises(ValueError, match=said) as told:
         wrong()
     assert "; " in str(told.value), "what would do"
+
+
+WRONG_LATER: list[tuple[str, Any, str]] = [
+    ("foclen", math.nan, "foclen must be positive and finite, got nan"),
+    ("d_far", "20m", "d_far must be one number, got '20m'"),
+    ("d_far", math.nan, "d_close must not be farther than d_far, got .*=nan mm"),
+    ("d_far", 0, "d_close must not be farther than d_far"),
+    ("d_close", -math.inf, "d_close must not be farther than d_far"),
+    ("d_close", torch.ones(2), r"d_close must be one number, got torch.float32 \[2\]"),
+    ("sensor_size", 36.0, r"sensor_size must be \(width, height\), got 36.0"),
+    ("sensor_size", (-36.0, 27.0), "sensor width must be positive and finite, got -36"),
+    ("sensor_size", (36.0, 24.0), "pixels must be square, .* use a sensor height of 27 mm"),
+    ("sensor_res", (16,), r"sensor_res must be \(width, height\), got \(16,\)"),
+    ("sensor_res", (16, "12"), "vertical sensor_res must be one number, got '12'"),
+    ("sensor_res", (0, 12), "horizontal sensor_res must be positive and finite, got 0"),
+    ("obj_depth", math.nan, "obj_depth must be other than 0, got nan"),
+    ("obj_depth", None, "obj_depth must be one number, got None"),
+    ("dtype", torch.int32, "dtype must be floating point, got torch.int32"),
+    ("device", "gpu", "device must be one of torch's, got 'gpu'"),
+]
+
+
+@pytest.mark.parametrize(("name", "wrong", "said"), WRONG_LATER)
+def test_what_makes_no_sense_any_more_is_refused_where_it_is_used(
+    name: str, wrong: Any, said: str
+) -> None:
+    changed = lens()
+    setattr(changed, name, wrong)
+    uses = [changed.psf_map]
+    if name not in ("obj_depth", "device"):  # which are asked for numbers alone
+        uses.append(lambda: changed.render_rgbd(IMAGE[None], DEPTH))
+    for use in uses:
+        with pytest.raises(ValueError, match=said) as told:
+            use()
+        assert "; " in str(told.value), "what would do"
+
+
+def test_limits_on_depth_may_be_tensors_and_have_gradients() -> None:
+    limited = lens()
+    limited.d_close = torch.tensor([1500.0], requires_grad=True)
+    limited.signed_coc(DEPTH).sum().backward()
+    assert limited.d_close.grad is not None
+    assert float(limited.d_close.grad) > 0
 
 
 def test_what_is_a_number_all_the_same_is_taken_for_it() -> None:
