@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
+from torch.nn import Parameter
 
 T = TypeVar("T")
 # Of what is shown of a value that is wrong.
@@ -38,6 +39,7 @@ def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
     Raises:
         ValueError: If it is none, or holds several.
     """
+    dense(name, value)
     try:
         if isinstance(value, str | bytes | complex | bool):
             raise TypeError
@@ -71,6 +73,7 @@ def numbers(
         ValueError: If it is not of real numbers.
     """
     wide = dtype if dtype.itemsize >= 4 else torch.float32
+    dense(name, value)
     try:
         given = (
             value if isinstance(value, Tensor) else torch.tensor(value, dtype=wide, device=device)
@@ -84,6 +87,39 @@ def numbers(
     if given.is_floating_point():
         return given if given.dtype.itemsize >= 4 else given.float()
     return given.to(wide)
+
+
+def dense(name: str, value: Any) -> None:
+    """Refuse a tensor that does not hold its numbers one by one, or holds none.
+
+    Raises:
+        ValueError: If it is such a tensor.
+    """
+    if isinstance(value, Tensor) and (kind := _kind(value)):
+        problem = f"must be a dense tensor, got a {kind} one"
+        raise ValueError(f"{name} {problem}; like its to_dense, dequantize or to_padded_tensor")
+
+
+def _kind(value: Tensor) -> str:
+    """What a tensor is that is not dense; empty for one that is."""
+    if value.is_nested:
+        return "nested"
+    if value.layout != torch.strided:
+        return str(value.layout).removeprefix("torch.").strip("_")
+    if value.is_quantized:
+        return "quantized"
+    return "meta" if value.is_meta and type(value) in (Tensor, Parameter) else ""
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False.
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    if isinstance(value, bool):
+        return value
+    raise ValueError(f"{name} must be True or False, got {described(value)}; bool() makes it one")
 
 
 def pair(name: str, given: tuple[T, T]) -> tuple[T, T]:

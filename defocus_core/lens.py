@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
-from defocus_core.guards import described, is_picture, number, whole
+from defocus_core.guards import dense, described, is_picture, number, whole
 from defocus_core.render import render
 from defocus_core.thin_lens import Scalar, ThinLens
 
@@ -183,6 +183,7 @@ class DefocusLens(ThinLens):
 
     def _image_radius(self, image: Tensor, depth: Tensor) -> Tensor:
         """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
+        dense("the image", image)
         if not is_picture(image, 4):
             raise ValueError(
                 f"the image must be a floating-point tensor [B, C, H, W], got {described(image)}; "

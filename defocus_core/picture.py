@@ -13,7 +13,7 @@ from defocus_core.aperture import Aperture
 from defocus_core.assembly import Finished, finished
 from defocus_core.enlarging import Enlarging
 from defocus_core.frame import frame_of
-from defocus_core.guards import described, number, whole
+from defocus_core.guards import described, flag, number, whole
 from defocus_core.half_size import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.known import Behind
 from defocus_core.mending import Mending, denoised
@@ -61,6 +61,7 @@ class Picture:
             ValueError: If a value is not finite, an option is out of its range, or a CoC does not
                 fit psf_ks.
         """
+        left_right = flag("left_right", left_right)
         threads = whole("threads", threads, "it is how many tiles are computed at once")
         num_layers = _count("num_layers", num_layers)
         psf_ks = _count("psf_ks", psf_ks)

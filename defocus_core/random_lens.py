@@ -15,7 +15,16 @@ import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
-from defocus_core.guards import described, is_picture, number, numbers, positive, whole
+from defocus_core.guards import (
+    dense,
+    described,
+    flag,
+    is_picture,
+    number,
+    numbers,
+    positive,
+    whole,
+)
 from defocus_core.lens import DefocusLens
 from defocus_core.quality import find
 from defocus_core.render import render
@@ -104,7 +113,7 @@ class RandomDefocus(torch.nn.Module):
         self.max_radius = None
         if max_radius is not None:
             self.max_radius = positive("max_radius", max_radius, "None is no bound")
-        self.left_right = left_right
+        self.left_right = flag("left_right", left_right)
         find(quality)
         self.quality = quality
         self.threads = whole("threads", threads, "it is how many tiles are computed at once")
@@ -191,6 +200,7 @@ class RandomDefocus(torch.nn.Module):
 
 def _planes(image: Tensor, depth: Tensor) -> Tensor:
     """Depth [B, H, W], once it is known to agree with the image."""
+    dense("image", image)
     if not is_picture(image, 4):
         raise ValueError(
             f"image must be a floating-point tensor [B, C, H, W], got {described(image)}; "

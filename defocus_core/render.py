@@ -13,7 +13,7 @@ from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.assembly import assembled
-from defocus_core.guards import described, is_picture, numbers
+from defocus_core.guards import dense, described, is_picture, numbers
 from defocus_core.hidden import HiddenLayer
 from defocus_core.known import Behind
 from defocus_core.modes import own_modes
@@ -132,6 +132,7 @@ def render(
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     """[B, C, H, W] pixels and [B, H, W] radii."""
+    dense("image", image)
     if not is_picture(image, 3, 4):
         raise ValueError(
             "image must be a tensor [B, C, H, W] or [C, H, W] of floats, got "
@@ -157,10 +158,19 @@ def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list
     """What is known behind each picture."""
     if hidden is None:
         return [None] * len(pictures)
-    if not (isinstance(hidden, tuple) and all(isinstance(x, Tensor) for x in hidden)):
+    tensors = isinstance(hidden, tuple) and all(isinstance(x, Tensor) for x in hidden)
+    if not (tensors and len(hidden) == len(HiddenLayer._fields)):
         raise ValueError(
             f"hidden must be a HiddenLayer of three tensors, got {described(hidden)}; "
             "leave it out where nothing is known"
+        )
+    for name, value in zip(HiddenLayer._fields, hidden, strict=True):
+        dense(f"hidden {name}", value)
+    if not (hidden[0].is_floating_point() and hidden[1].is_floating_point()):
+        kinds = ", ".join(str(x.dtype) for x in hidden[:2])
+        raise ValueError(
+            f"hidden color and signed_radius must be of floats, got {kinds}; "
+            "decode integers to linear light first"
         )
     shapes = [tuple(x.shape) for x in hidden]
     sizes = [x.shape[1:] if len(pictures) == 1 else x.shape for x in (pictures, radii, radii)]
@@ -168,7 +178,7 @@ def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list
     if shapes not in ([tuple(x) for x in sizes], [tuple(x) for x in batched]):
         raise ValueError(
             f"hidden must be color, signed_radius and mask of shapes {[*map(tuple, batched)]}, "
-            f"got {shapes}"
+            f"got {shapes}; resample them by nearest"
         )
     known = (x.reshape(b).to(pictures.device) for x, b in zip(hidden, batched, strict=True))
     return [Behind(*one) for one in zip(*known, strict=True)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,15 @@ import numpy as np
 import pytest
 import torch
 
-from defocus_core import Aperture, DefocusLens, RandomDefocus, cheapest_within, quantisation, render
+from defocus_core import (
+    Aperture,
+    DefocusLens,
+    HiddenLayer,
+    RandomDefocus,
+    cheapest_within,
+    quantisation,
+    render,
+)
 from defocus_core.stream import Stream
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
@@ -63,6 +72,10 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: render(IMAGE, RADIUS, infinity=math.nan), "infinity must be a finite radius"),
     (lambda: render(IMAGE, RADIUS, aperture=6), "aperture must be an Aperture, got 6"),
     (lambda: render(IMAGE, RADIUS, hidden=3), "hidden must be a HiddenLayer"),
+    (lambda: render(IMAGE, RADIUS, hidden=(IMAGE, RADIUS)), "hidden must be a HiddenLayer"),
+    (lambda: render(IMAGE, RADIUS, left_right="no"), "left_right must be True or False, got 'no'"),
+    (lambda: drawn(left_right=None), "left_right must be True or False, got None"),
+    (lambda: streamed(left_right=2), "left_right must be True or False, got 2"),
     (lambda: Aperture("6"), "blades must be a whole number"),
     (lambda: Aperture(3.5), "blades must be a whole number"),
     (lambda: Aperture(10**6), "blades must be 10000 at most"),
@@ -90,6 +103,51 @@ def test_what_makes_no_sense_is_refused_by_name(wrong: Callable[[], Any], said: 
     with pytest.raises(ValueError, match=said) as told:
         wrong()
     assert "; " in str(told.value), "what would do"
+
+
+def odd(values: Any) -> list[tuple[Any, str]]:
+    """Tensors that are no plain arrays of numbers, and how an error names them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return [
+            (values.to_sparse(), "sparse_coo"),
+            (values[0, 0].to_sparse_csr(), "sparse_csr"),
+            (values.to_mkldnn(), "mkldnn"),
+            (values.to("meta"), "meta"),
+            (torch.quantize_per_tensor(values, 0.1, 0, torch.quint8), "quantized"),
+            (torch.nested.nested_tensor(list(values)), "nested"),
+            (torch.nested.nested_tensor(list(values), layout=torch.jagged), "jagged|nested"),
+        ]
+
+
+@pytest.mark.parametrize("at", range(7))
+def test_tensors_that_are_not_dense_are_refused(at: int) -> None:
+    image, name = odd(IMAGE[None].clone())[at]
+    radius, depth = (odd(values[None, None].clone())[at][0] for values in (RADIUS, DEPTH[0]))
+    scene = (IMAGE[None], RADIUS[None])
+    uses = [
+        ("image", lambda: render(image, RADIUS)),
+        ("the image", lambda: lens().render_rgbd(image, DEPTH)),
+        ("image", lambda: drawn(image)),
+        ("signed_radius", lambda: render(IMAGE, radius)),
+        ("depth", lambda: lens().render_rgbd(IMAGE[None], depth)),
+        ("depth", lambda: drawn(depth=depth)),
+        ("depth", lambda: lens().dof(depth)),
+        ("points", lambda: lens().psf(depth)),
+        ("fnum", lambda: lens(50.0, depth)),
+        ("hidden color", lambda: render(*scene, hidden=HiddenLayer(image, scene[1], scene[1] > 0))),
+        ("hidden mask", lambda: render(*scene, hidden=HiddenLayer(*scene, radius))),
+    ]
+    for argument, use in uses:
+        with pytest.raises(ValueError, match=f"^{argument} must be a dense tensor, got a ({name})"):
+            use()
+
+
+def test_a_hidden_layer_is_of_floats() -> None:
+    scene = (IMAGE[None], RADIUS[None])
+    for wrong in (scene[0] > 0, (255 * scene[0]).byte(), scene[0] + 0j):
+        with pytest.raises(ValueError, match="hidden color and signed_radius must be of floats"):
+            render(*scene, hidden=HiddenLayer(wrong, scene[1], scene[1] > 0))
 
 
 WRONG_LATER: list[tuple[str, Any, str]] = [
