@@ -28,6 +28,7 @@ from defocus_core.guards import (
 from defocus_core.lens import DefocusLens
 from defocus_core.quality import find
 from defocus_core.render import render
+from defocus_core.thin_lens import bad_depth
 
 Range = tuple[float, float]
 
@@ -176,7 +177,14 @@ class RandomDefocus(torch.nn.Module):
         foclen = _logarithmic(self.foclen, shares[0])
         fnum = _logarithmic(self.fnum, shares[1])
         low, high = self.focus_percentile
-        foc_dist = _percentile(depth.detach(), low + (high - low) * shares[2])
+        percent = low + (high - low) * shares[2]
+        foc_dist = _percentile(depth.detach(), percent)
+        if not foc_dist > foclen:
+            raise ValueError(
+                f"depth must be farther in focus than the focal length, got {foc_dist:g} mm at "
+                f"percentile {percent:.3g} for {foclen:g} mm; depth is in mm, and drawn are "
+                f"foclen={self.foclen} and focus_percentile={self.focus_percentile}"
+            )
         blades = self.blades[int(shares[3] * len(self.blades))]
         lens = _Lens(foclen, fnum, foc_dist, blades, 360.0 * shares[4])
         if self.max_radius is None:
@@ -199,7 +207,7 @@ class RandomDefocus(torch.nn.Module):
 
 
 def _planes(image: Tensor, depth: Tensor) -> Tensor:
-    """Depth [B, H, W], once it is known to agree with the image."""
+    """Depth [B, H, W], once it is known to agree with the image, and to be positive."""
     dense("image", image)
     if not is_picture(image, 4):
         raise ValueError(
@@ -218,6 +226,8 @@ def _planes(image: Tensor, depth: Tensor) -> Tensor:
             f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
             f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
         )
+    if not bool((planes > 0).all()):
+        raise bad_depth("depth", planes, planes > 0, "positive")
     return planes
 
 
@@ -226,13 +236,14 @@ def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[
         device = seeds.device
         drawn = torch.randint(2**63 - 1, (count,), generator=seeds, device=device)
         return [int(seed) for seed in drawn]
-    wanted = f"seeds must be one whole number for each of {count} pictures"
+    wanted = f"seeds must be one whole number for each picture, a list of {count}"
+    remedy = "the indices of the samples will do"
     try:
         found = [index(seed) for seed in seeds]
     except TypeError:
-        raise ValueError(f"{wanted}, got {seeds}; the indices of the samples will do") from None
+        raise ValueError(f"{wanted}, got {described(seeds)}; {remedy}") from None
     if len(found) != count:
-        raise ValueError(f"{wanted}, got {len(found)}; the indices of the samples will do")
+        raise ValueError(f"{wanted}, got one of {len(found)}; {remedy}")
     for seed in found:
         if not -(2**63) <= seed < 2**64:
             raise ValueError(f"seeds must be of 64 bits, got {seed}; take it modulo 2**64")

@@ -141,7 +141,7 @@ class ThinLens:
         """
         depth = self._tensor("depth", depth)
         if not bool((depth > 0).all()):
-            raise _bad_depth("depth", depth, depth > 0, "positive")
+            raise bad_depth("depth", depth, depth > 0, "positive")
         return self.signed_coc(depth) / (2 * self.pixel_size)
 
     def radius_at_infinity(self) -> float:
@@ -247,7 +247,7 @@ class ThinLens:
     def _distance(self, name: str, distance: Scalar) -> Tensor:
         z = self._tensor(name, distance).abs()
         if not bool((z > 0).all()):
-            raise _bad_depth(name, z, z > 0, "other than 0")
+            raise bad_depth(name, z, z > 0, "other than 0")
         return z
 
     def _require_real_image(self, name: str, distance: Scalar) -> None:
@@ -274,7 +274,8 @@ def _fit(first: torch.Size, second: torch.Size) -> bool:
     return all(a == b or 1 in (a, b) for a, b in pairs)
 
 
-def _bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
+def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
+    """What is said of distances that are not as wanted."""
     bad = depth.detach()[~good].flatten()
     return ValueError(
         f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "

@@ -75,6 +75,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: render(IMAGE, RADIUS, hidden=(IMAGE, RADIUS)), "hidden must be a HiddenLayer"),
     (lambda: render(IMAGE, RADIUS, left_right="no"), "left_right must be True or False, got 'no'"),
     (lambda: drawn(left_right=None), "left_right must be True or False, got None"),
+    (lambda: drawn(max_radius=3.0, depth=-DEPTH), "depth must be positive, .* in 192 of 192"),
     (lambda: streamed(left_right=2), "left_right must be True or False, got 2"),
     (lambda: Aperture("6"), "blades must be a whole number"),
     (lambda: Aperture(3.5), "blades must be a whole number"),

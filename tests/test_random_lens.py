@@ -190,11 +190,12 @@ def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(
     [
         ("image must be", (image()[0], depth(), [1, 2, 3])),
         ("depth must be", (image(), depth()[..., 1:], [1, 2, 3])),
-        ("seeds must be one", (image(), depth(), [1, 2])),
+        ("seeds must be one .*, a list of 3, got one of 2;", (image(), depth(), [1, 2])),
         ("seeds must be one", (image(), depth(), [1.5, 2, 3])),
         ("seeds must be one", (image(), depth(), 7)),
-        ("depth must be positive", (image(), depth() - 1000, [1, 2, 3])),
-        ("foc_dist must be farther", (image(), depth() / 1000, [1, 2, 3])),
+        ("depth must be positive, got -", (image(), -depth(), [1, 2, 3])),
+        ("depth must be positive, got 0.0 in 648 of 648", (image(), 0 * depth(), [1, 2, 3])),
+        ("depth must be farther in focus .* foclen=", (image(), depth() / 1000, [1, 2, 3])),
     ],
 )
 def test_what_does_not_fit_together_is_refused(words: str, arguments: tuple[Any, ...]) -> None:
