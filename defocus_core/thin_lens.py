@@ -166,8 +166,7 @@ class ThinLens:
         c = self._acceptable(coc)
         if not bool((c > 0).all()):
             raise ValueError(f"coc must be positive, got {float(c.min())}; 0.03 mm suits 36×24 mm")
-        f = self._parameter("foclen", c)
-        return f + f * f / (self._parameter("fnum", c) * c)
+        return self._far_point(c)
 
     def dof(self, depth: Scalar, coc: Scalar | None = None) -> Tensor:
         """Depth of field in mm of this lens focused at a depth.
@@ -202,16 +201,22 @@ class ThinLens:
         """
         s = self._distance("foc_dist", foc_dist)
         self._require_real_image("foc_dist", s)
-        c = self._acceptable(coc).to(s)
+        c = self._acceptable(coc)
         if not _fit(c.shape, s.shape):
             raise ValueError(
                 f"coc must be one diameter or one for each of {list(s.shape)} distances, got "
                 f"{list(c.shape)}; 0.03 mm suits 36×24 mm"
             )
-        margin = c / self._coc_per_disparity(s)
-        finite = 1 / s > margin
+        margin = c.to(s) / self._coc_per_disparity(s)
+        # what `hyperfocal` says is the limit, though rounding may leave a rest of disparity there
+        finite = (s < self._far_point(c).to(s)) & (1 / s > margin)
         far = torch.where(finite, 1 / torch.where(finite, 1 / s - margin, 1.0), math.inf)
         return 1 / (1 / s + margin), far
+
+    def _far_point(self, c: Tensor) -> Tensor:
+        """Focus distances in mm from which on infinity has a CoC of c at most; inf for none."""
+        f = self._parameter("foclen", c)
+        return f + f * f / (self._parameter("fnum", c) * c)
 
     def _coc_per_disparity(self, s: Tensor) -> Tensor:
         """A v in mm² for a focus distance s: f² / (N (1 - f / s))."""
