@@ -224,6 +224,8 @@ class Region:
 
     def _is_inside(self, box: Box) -> bool:
         """Whether no light from beyond the frame reaches a part of it."""
+        if self._frame.size == (1, 1):  # in which it spreads no farther, but is lost
+            return False
         return box == box.grown(0, self._frame.box.shrunk(self._frame.farthest))
 
     def _full(self, index: int) -> list[Tensor | float]:

@@ -1,5 +1,7 @@
 """At the borders of the frame: what lies outside is unseen, and lets nothing through."""
 
+import math
+
 import pytest
 import torch
 from measures import worst
@@ -45,3 +47,16 @@ def test_nothing_leaks_past_a_card_that_the_frame_cuts(quality: str) -> None:
     for picture in (seen.render, seen.left, seen.right):
         assert picture is not None
         assert picture[:, 53:].abs().max() < 2e-2  # 0.07 where all that is left is filled
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (2, 2)])
+def test_a_frame_smaller_than_a_disc_is_trusted_for_its_share(
+    size: tuple[int, int], quality: str
+) -> None:
+    r, area = 5.0, size[0] * size[1]
+    trust = render(torch.ones(3, *size), torch.full(size, r), quality=quality).trust
+    area = 4 if quality == "draft" else area  # a cell
+    torch.testing.assert_close(
+        trust, torch.full((1, *size), area / (math.pi * r * r)), rtol=0.1, atol=1e-2
+    )
