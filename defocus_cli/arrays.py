@@ -186,6 +186,6 @@ def scratch_folder() -> Path:
 
 
 def _no_room(folder: Path, size: int, error: OSError) -> InputError:
-    problem = f"has no room for {size / 2**20:.0f} MB of scratch: {reason(error)}"
+    problem = f"has no room for {size / 10**6:.0f} MB of scratch: {reason(error)}"
     remedy = "free some, let TMPDIR name another directory, or allow more --memory"
     return InputError(folder, problem, remedy)

@@ -105,7 +105,7 @@ def _batch_lines(told: Mapping[str, Any], found: int) -> Iterator[str]:
         few = f", going by {found} of them" if found < todo else ""
         crew = counted(processes, "process", "processes")
         yield (
-            f"about {duration(told['seconds'])} in {crew}, {told['bytes'] / 2**30:.2f} GB "
+            f"about {duration(told['seconds'])} in {crew}, {told['bytes'] / 10**9:.2f} GB "
             f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
         )
 

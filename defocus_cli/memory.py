@@ -1,4 +1,7 @@
-"""What this process holds of memory, what it held at most, and what it may still take. In MB."""
+"""What this process holds of memory, what it held at most, and what it may still take. In MB.
+
+A megabyte is a million bytes, as in sizes on the command line.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-MB = 2**20
+MB = 10**6
+_KIB = 2**10
 _STATUS = Path("/proc/self/status")
 _MEMINFO = Path("/proc/meminfo")
 # Limit and use of the group of processes that a container is, of either generation of Linux.
@@ -47,7 +51,7 @@ def peak_mb(device: str = "cpu") -> float | None:
     with suppress(OSError, ValueError, IndexError):  # Linux: can be reset
         return _entry(_STATUS, "VmHWM:")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (MB if sys.platform == "darwin" else 1024)
+    return peak * (1 if sys.platform == "darwin" else _KIB) / MB
 
 
 def held_mb(device: str = "cpu") -> float:
@@ -77,8 +81,8 @@ def available_mb(device: str = "cpu") -> float | None:
 
 
 def _entry(file: Path, name: str) -> float:
-    """A line like ``VmRSS: 123 kB`` in MB."""
-    return int(file.read_text().partition(name)[2].split()[0]) / 1024
+    """A line like ``VmRSS: 123 kB``, which means KiB, in MB."""
+    return int(file.read_text().partition(name)[2].split()[0]) * _KIB / MB
 
 
 def trim() -> None:

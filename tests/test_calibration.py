@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_cli import calibration
+from defocus_cli import calibration, memory
 from defocus_cli.calibration import Calibration, calibrated, keep, kept
 from defocus_core.mending import Mending
 from defocus_core.planning import BYTES, LOADS, Plan, plan
@@ -29,7 +29,7 @@ def planned(
     nothing = dict.fromkeys(LOADS, 0.0)
     work = nothing | {"products": 1.0}
     of_regions = (work if alone else nothing) | {"regions": float(busy or regions)}
-    held = dict.fromkeys(BYTES, 2.0**20)
+    held = dict.fromkeys(BYTES, float(memory.MB))
     of_tiles = nothing if alone else work
     counts = (3, tiles, regions, 6 * tiles, tiles, 0)
     return Plan(*counts, nothing, of_regions, of_tiles, held, 0.0, Mending())

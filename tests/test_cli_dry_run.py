@@ -174,7 +174,7 @@ def test_what_a_limit_forbids_a_greater_one_would_allow(
     outcome = large(monkeypatch, tmp_path, usual=120.0, threads_1=60.0)
     monkeypatch.setattr(sizing, "enough_mb", lambda job, needed: 300.0 + needed)
     job = replace(outcome.job, machine=Machine(threads=4, memory=500 * memory.MB))
-    with pytest.raises(sizing.TooLarge, match=r"but 30 MB are left; use --memory 380MB"):
+    with pytest.raises(sizing.TooLarge, match=r"but 30 MB are left; use --memory 360MB"):
         sizing.fitting(replace(outcome, job=job), *FRAME, 30.0)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 import threading
 import time
 from dataclasses import replace
@@ -18,6 +20,7 @@ from defocus_cli import arrays, budget, exr, exr_strips, memory, sizing
 from defocus_cli.arrays import Scratch
 from defocus_cli.batch_options import Crew, computed_by
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.quantities import byte_count
 from defocus_core import stream
 
 KINDS = "render,left,right,coc,disparity,trust"
@@ -161,13 +164,13 @@ def test_what_fits_into_half_of_the_memory_is_held(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(budget, "base_mb", lambda: 100.0)
-    size = (512, 1024)  # a byte of each pixel is 0.5 MB
+    size = (512, 1024)
     arrays_mb = budget.holding(job(tmp_path, 2**33, size)).arrays_mb
     for limit_mb, scratch_ in ((100 + 2.1 * arrays_mb, False), (100 + 1.9 * arrays_mb, True)):
         held = budget.holding(job(tmp_path, int(limit_mb * memory.MB), size))
         assert held.scratch == scratch_
     pair_ = budget.holding(job(tmp_path, 2**33, size, "render,left,right")).arrays_mb
-    assert pair_ == pytest.approx(arrays_mb + 2 * 6 * 0.5)
+    assert pair_ == pytest.approx(arrays_mb + 2 * 6 * math.prod(size) / memory.MB)
 
 
 def test_a_dry_run_says_how_much_scratch_and_where(
@@ -194,7 +197,7 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
     monkeypatch.setattr(budget, "capacity_mb", lambda machine: 800.0)
     monkeypatch.setattr("defocus_cli.engine.capacity_mb", lambda machine: 800.0)
     ran = render(*frames(tmp_path, "png"), "-o", tmp_path / "out")
-    refused(ran, 3, "c.png", "860 MB to decode, 800 MB are left", "save it as EXR")
+    refused(ran, 3, "c.png", "868 MB to decode, 800 MB are left", "save it as EXR")
 
 
 def test_too_little_memory_is_refused_with_how_much_would_do(
@@ -317,6 +320,14 @@ def test_where_no_tile_fits_a_gpu_the_picture_is_refused(
     out_of_memory(monkeypatch, fits=0)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out")
     refused(ran, 3, "does not fit into the memory of the GPU", "use --device cpu")
+
+
+def test_a_megabyte_is_that_of_the_option() -> None:
+    assert budget.limit_mb(Machine(memory=byte_count("500MB"))) == 500
+    if not memory.held_mb():
+        pytest.skip("this system does not tell")
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    assert memory.held_mb() == pytest.approx(pages * os.sysconf("SC_PAGE_SIZE") / 1e6, rel=0.02)
 
 
 def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
