@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from defocus_cli import report, stats_table
+from defocus_cli import report
 from defocus_cli.batch import Summary
 from defocus_cli.errors import Interrupted, SomeFailed
 from defocus_cli.files import spoken
@@ -65,9 +65,9 @@ class Told:
         """Say what became of a job."""
         if self._keep:
             self.records[job.sample_id] = report.outcome_record(job, record, result)
-        lines = list(report.outcome_lines(job, record, result, verbose=self._verbose))
-        if self._stats and record["status"] == "ok":
-            lines += stats_table.lines(result["stats"])
+        lines = list(
+            report.outcome_lines(job, record, result, verbose=self._verbose, stats=self._stats)
+        )
         if record["status"] == "ok":
             lines += self._afterwards
         for line in lines if self._each or record["status"] != "ok" else ():

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from defocus_cli import stats_table
 from defocus_cli.arrays import scratch_folder
 from defocus_cli.files import spoken
 from defocus_cli.quantities import Percentile, counted, length_text
@@ -142,9 +143,17 @@ def outcome_record(
 
 
 def outcome_lines(
-    job: Job, record: Mapping[str, Any], result: Mapping[str, Any], *, verbose: bool
+    job: Job,
+    record: Mapping[str, Any],
+    result: Mapping[str, Any],
+    *,
+    verbose: bool,
+    stats: bool = False,
 ) -> Iterator[str]:
-    """What a job did, in words: one line, one for each warning, and more if ``verbose``."""
+    """What a job did, in words: one line, one for each warning, and more if ``verbose``.
+
+    What was computed and what was skipped is a table if ``stats``, a line if ``verbose`` alone.
+    """
     if record["status"] != "ok":
         yield f"defocus: {record['message']}"
         if verbose and "trace" in result:
@@ -167,8 +176,11 @@ def outcome_lines(
         if "scratch_mb" in result["stats"]:
             scratch_mb = result["stats"]["scratch_mb"]
             yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
-        if result["stats"]:
-            yield "  " + ", ".join(f"{name} {x:.6g}" for name, x in result["stats"].items())
+    counts = {name: count for name, count in result["stats"].items() if name != "scratch_mb"}
+    if stats:
+        yield from stats_table.lines(counts)
+    elif verbose and counts:
+        yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
 
 
 def done_before_line(job: Job) -> str:

@@ -106,6 +106,17 @@ def test_verbose_says_what_was_chosen(tmp_path: Path) -> None:
     assert "1 thread" in ran.err
 
 
+def test_counts_are_told_once(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    told = render(*pair(tmp_path), "-o", out, "-v").err
+    assert ("slice_tiles_done " in told, " slices, " in told) == (True, False)
+    told = render(*pair(tmp_path), "-o", out, "-v", "--stats", "--overwrite").err
+    assert ("slice_tiles_done " in told, " slices, " in told) == (False, True)
+    assert "channel Z, metres" in told
+    maps = render(*pair(tmp_path), "-o", out, "--outputs", "coc", "--stats", "--overwrite").err
+    assert "maps alone need no slices" in maps
+
+
 def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     y, x = np.mgrid[:96, :144]
