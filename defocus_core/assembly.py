@@ -107,10 +107,11 @@ def _copied(frame: Frame, box: Box, pixels: Pixels) -> tuple[Tensor, Tensor]:
 
 def assembled(
     frame: Frame, pixels: Tensor, parts: Iterator[Finished]
-) -> tuple[Tensor, Tensor, dict[str, int]]:
+) -> tuple[list[Tensor], Tensor, dict[str, int]]:
     """Images, trust, and counts of the work done.
 
-    The images are the centre, or centre, left and right: [1 or 3, C, H, W]; trust is [1, 1, H, W].
+    The images are the centre, or centre, left and right, [C, H, W] each, in memory of its own: who
+    keeps or saves one does not keep the others. Trust is [1, 1, H, W].
 
     Args:
         frame: What holds for the whole picture.
@@ -122,14 +123,16 @@ def assembled(
         found = [part._replace(images=part.images.to(pixels.dtype)) for part in parts]
         counts = [part.counts for part in found]
         rows = list(in_rows(iter(found)))
-        images = joined([[part.images for part in row] for row in rows])
+        apart = [[part.images.unbind() for part in row] for row in rows]
+        kinds = range(len(apart[0][0]))
+        images = [joined([[part[kind] for part in row] for row in apart]) for kind in kinds]
         trust = joined([[part.trust for part in row] for row in rows]).to(pixels.dtype)
     else:
-        kinds = 3 if frame.left_right else 1
-        images = pixels.new_empty(kinds, *pixels.shape)
+        images = [pixels.new_empty(pixels.shape) for _ in range(3 if frame.left_right else 1)]
         trust = pixels.new_empty(1, 1, *pixels.shape[-2:])
         for part in parts:
-            part.box.of(images).copy_(part.images)
+            for image, some in zip(images, part.images, strict=True):
+                part.box.of(image).copy_(some)
             part.box.of(trust).copy_(part.trust)
             counts.append(part.counts)
     return images, trust, total(frame, counts)

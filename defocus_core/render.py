@@ -122,9 +122,10 @@ def render(
         done.append(images)
         trusts.append(trust[0])
         stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
-    results = torch.stack(done, 1) if len(done) > 1 else done[0][:, None]
-    # not by iterating: views that come together cannot be changed in place
-    centre, *pair = (results[kind].reshape(image.shape) for kind in range(len(results)))
+    kinds = zip(*done, strict=True)
+    centre, *pair = (
+        (torch.stack(some) if len(some) > 1 else some[0]).reshape(image.shape) for some in kinds
+    )
     left, right = pair or (None, None)
     seen = torch.stack(trusts).reshape(*image.shape[:-3], 1, *image.shape[-2:])
     return Rendering(centre, left, right, seen, stats)

@@ -241,6 +241,18 @@ def test_pictures_may_be_changed_in_place() -> None:
     assert image.grad is not None
 
 
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("recorded", [False, True])
+def test_each_picture_has_memory_of_its_own(count: int, recorded: bool) -> None:
+    image, radius = IMAGE.mT.contiguous().mT.expand(count, 3, 12, 16), RADIUS.expand(count, 12, 16)
+    with torch.set_grad_enabled(recorded):
+        seen = render(image, radius, left_right=True)
+    for picture in (seen.render, seen.left, seen.right, seen.trust):
+        assert picture is not None
+        assert picture.is_contiguous()
+        assert picture.untyped_storage().nbytes() == picture.nbytes
+
+
 def test_a_stream_counts_the_same_each_time() -> None:
     stream = Stream(IMAGE, RADIUS)
     for _ in range(2):
