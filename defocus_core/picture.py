@@ -23,6 +23,8 @@ from defocus_core.source import Pixels, banded
 from defocus_core.survey import mending_of
 from defocus_core.tiling import BLOCK
 
+_MOST_LAYERS = 1 << 16  # what depth in 16 bits tells apart
+
 
 class Picture:
     """One picture, and what holds for all of it.
@@ -64,6 +66,9 @@ class Picture:
         left_right = flag("left_right", left_right)
         threads = whole("threads", threads, "it is how many tiles are computed at once")
         num_layers = _count("num_layers", num_layers)
+        if num_layers is not None and num_layers > _MOST_LAYERS:
+            problem = f"num_layers must be {_MOST_LAYERS} at most, got {num_layers}"
+            raise ValueError(f"{problem}; None lets the scene decide")
         psf_ks = _count("psf_ks", psf_ks)
         tile = _count("tile", tile, least=BLOCK)
         infinity = _finite(infinity)

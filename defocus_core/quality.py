@@ -111,6 +111,8 @@ def find(name: str) -> Quality:
     Raises:
         ValueError: If there is none.
     """
-    if name not in QUALITY:
-        raise ValueError(f"quality must be one of {', '.join(QUALITIES)}, got {name!r}")
+    if name not in QUALITIES:  # which asks for no hash
+        raise ValueError(
+            f"quality must be one of {', '.join(QUALITIES)}, got {name!r}; standard suits most"
+        )
     return QUALITY[name]

@@ -107,7 +107,7 @@ def render(
             picture = Picture(
                 pixels,
                 radius,
-                aperture=aperture or Aperture(),
+                aperture=Aperture() if aperture is None else aperture,
                 quality=settings,
                 left_right=left_right,
                 num_layers=num_layers,

@@ -111,7 +111,7 @@ class Stream:
             self._picture = Picture(
                 image,
                 signed_radius,
-                aperture=aperture or Aperture(),
+                aperture=Aperture() if aperture is None else aperture,
                 quality=find(quality),
                 left_right=left_right,
                 hidden=known,
