@@ -2,8 +2,9 @@
 
 A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
 any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
-`defocus merge` indexes all of them. A retry adds what it did to the index that is there. Shards
-that are there go with the index: they are packed again in their size if samples changed.
+`defocus merge` indexes all of them. A retry adds what it did to the index that is there; what
+`defocus render` replaces stays in it as it is now. Shards that are there go with the index: they
+are packed again in their size if samples changed.
 """
 
 from __future__ import annotations
@@ -40,6 +41,21 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
+
+
+def refresh(out: Path, done: Collection[str]) -> None:
+    """Write the index of a batch again if it lists some of the samples that were now done.
+
+    Raises:
+        InputError: it cannot be.
+    """
+    listed = dataset_index.listed(out)
+    if listed is None or listed.isdisjoint(done):
+        return
+    records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
+    path = dataset_index.write(out, records)
+    report.say(f"{path}: written again, as it lists samples that were done now")
+    _followed(out, records)
 
 
 def _followed(out: Path, records: list[Record]) -> list[Path]:

@@ -70,3 +70,26 @@ def test_what_a_jobs_file_says_wrong_is_one_line(tmp_path: Path) -> None:
         run("batch", tmp_path / "no.toml", "-o", tmp_path / "out"), 3, "no.toml: cannot be read"
     )
     assert not (tmp_path / "out").exists()
+
+
+def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    out = tmp_path / "out"
+    batch(tmp_path, LENS + 'fnumber = 2\nfocus = "2m"\n', "--shards-size", "1MB")
+    index, words = out / "metadata.jsonl", ("--focal-length", "50mm", "--focus", "2m")
+    first = index.read_bytes()
+
+    def rendered(name: str, *more: str) -> str:
+        color, depth = (tmp_path / f"a_{kind}.exr" for kind in ("rgb", "z"))
+        if name != "a_rgb":
+            color = color.rename(tmp_path / f"{name}.exr")
+        ran = run("render", color, depth, "-o", out, *words, "--fnumber", "4", *more)
+        assert ran.code == 0, ran.err
+        return ran.err
+
+    assert "written again" not in rendered("a_rgb"), "another sample"
+    assert index.read_bytes() == first
+    told = rendered("a", "--quality", "draft")
+    assert f"{index}: written again, as it lists samples that were done now" in told
+    assert f"{out / 'shards'}: packed again" in told
+    assert [sample.lens.fnum for sample in samples(out)] == [4, 2]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import batch, batch_report, dry_runs, here, options, report
+from defocus_cli import aftermath, batch, batch_report, dry_runs, here, options, report
 from defocus_cli.grouped import GroupedCommand
 from defocus_cli.how import How
 from defocus_cli.job import (
@@ -100,6 +100,8 @@ def command(
         with batch_report.tile_bar() as tile_count:
             alone = here.execute_alone(tile_count)
             summary = batch.carry_out(jobs, outputs.root, how(alone), told)
+    if summary.statuses["ok"]:
+        aftermath.refresh(outputs.root, {job.sample_id for job in jobs})
     if as_json:
         records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
         report.print_json(dry_run=False, pictures=records)
