@@ -20,17 +20,15 @@ from defocus_core.guards import (
     described,
     flag,
     is_picture,
-    number,
     numbers,
     positive,
     whole,
 )
 from defocus_core.lens import DefocusLens
 from defocus_core.quality import find
+from defocus_core.ranges import Range, choices, interval, logarithmic
 from defocus_core.render import render
 from defocus_core.thin_lens import bad_depth
-
-Range = tuple[float, float]
 
 
 class RandomlyDefocused(NamedTuple):
@@ -70,7 +68,8 @@ class _Lens(NamedTuple):
 class RandomDefocus(torch.nn.Module):
     """Defocuses each picture of a batch with a lens of its own, drawn from ranges by a seed.
 
-    Focal length and f-number are drawn uniformly in the logarithm, the focus uniformly in the
+    Its attributes are its arguments, and may be set anew, as for a curriculum. Focal length and
+    f-number are drawn uniformly in the logarithm, the focus uniformly in the
     percentile of the depth that is not sky, blades from a list, their rotation from the full turn.
     A range with equal ends fixes a value. Gradients flow to image and depth.
     """
@@ -106,18 +105,29 @@ class RandomDefocus(torch.nn.Module):
             ValueError: If a range or a value makes no sense.
         """
         super().__init__()
-        self.foclen = _range("foclen", foclen)
-        self.fnum = _range("fnum", fnum)
-        self.focus_percentile = _range("focus_percentile", focus_percentile, 100.0)
-        self.blades = _choices(blades)
-        self.sensor_width = positive("sensor_width", sensor_width, "36 is full frame")
-        self.max_radius = None
-        if max_radius is not None:
-            self.max_radius = positive("max_radius", max_radius, "None is no bound")
-        self.left_right = flag("left_right", left_right)
-        find(quality)
+        self.foclen = foclen
+        self.fnum = fnum
+        self.focus_percentile = focus_percentile
+        self.blades = blades
+        self.sensor_width = sensor_width
+        self.max_radius = max_radius
+        self.left_right = left_right
         self.quality = quality
-        self.threads = whole("threads", threads, "it is how many tiles are computed at once")
+        self.threads = threads
+        self._check()
+
+    def _check(self) -> None:
+        """Refuse what makes no sense, at first and where an attribute was set later."""
+        self.foclen = interval("foclen", self.foclen)
+        self.fnum = interval("fnum", self.fnum)
+        self.focus_percentile = interval("focus_percentile", self.focus_percentile, 100.0)
+        self.blades = choices(self.blades)
+        self.sensor_width = positive("sensor_width", self.sensor_width, "36 is full frame")
+        if self.max_radius is not None:
+            self.max_radius = positive("max_radius", self.max_radius, "None is no bound")
+        flag("left_right", self.left_right)
+        find(self.quality)
+        self.threads = whole("threads", self.threads, "it is how many tiles are computed at once")
 
     def extra_repr(self) -> str:
         """What lenses are drawn from, as a module tells it."""
@@ -142,6 +152,7 @@ class RandomDefocus(torch.nn.Module):
             ValueError: If shapes disagree, a depth is NaN or not positive, or so near that the lens
                 drawn cannot focus on it.
         """
+        self._check()
         planes = _planes(image, depth)
         numbers = _seeds(seeds, len(image))
         lenses = [self._draw(*pair) for pair in zip(planes, numbers, strict=True)]
@@ -174,8 +185,8 @@ class RandomDefocus(torch.nn.Module):
         """The lens of a seed, for a depth map [H, W]."""
         generator = torch.Generator("cpu").manual_seed(seed)
         shares = torch.rand(5, generator=generator, dtype=torch.float64, device="cpu").tolist()
-        foclen = _logarithmic(self.foclen, shares[0])
-        fnum = _logarithmic(self.fnum, shares[1])
+        foclen = logarithmic(self.foclen, shares[0])
+        fnum = logarithmic(self.fnum, shares[1])
         low, high = self.focus_percentile
         percent = low + (high - low) * shares[2]
         foc_dist = _percentile(depth.detach(), percent)
@@ -259,36 +270,5 @@ def _percentile(depth: Tensor, percent: float) -> float:
     return float(torch.kthvalue(solid, max(rank, 1))[0])
 
 
-def _logarithmic(ends: Range, share: float) -> float:
-    low, high = ends
-    return low * math.pow(high / low, share)
-
-
 def _stacked(pictures: Sequence[Tensor | None]) -> Tensor:
     return torch.stack([picture for picture in pictures if picture is not None])
-
-
-def _range(name: str, ends: Range, most: float | None = None) -> Range:
-    """Two ends in order: above 0, or from 0 to the most."""
-    try:
-        low, high = (number(name, end) for end in ends)
-        fits = 0 < low <= high < math.inf if most is None else 0 <= low <= high <= most
-    except (TypeError, ValueError):
-        fits = False
-    if not fits:
-        where = "above 0" if most is None else f"from 0 to {most:g}"
-        raise ValueError(
-            f"{name} must be (low, high) {where}, got {ends}; equal ends fix the value"
-        )
-    return low, high
-
-
-def _choices(blades: Sequence[int]) -> tuple[int, ...]:
-    """Numbers of blades that an aperture may have, at least one."""
-    try:
-        counts = [Aperture(count).blades for count in blades]
-    except TypeError:
-        counts = []
-    if not counts:
-        raise ValueError(f"blades must hold numbers to choose from, got {blades}; (0,) is round")
-    return tuple(map(int, counts))

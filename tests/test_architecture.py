@@ -44,6 +44,7 @@ LAYERS = [
         "noise",
         "points",
         "ramps",
+        "ranges",
         "sheets",
         "slicing",
         "terraces",
