@@ -140,7 +140,8 @@ def _thin(lens: Lens, size: tuple[int, int]) -> DefocusLens:
         thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
         thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
     except ValueError as error:
-        raise UsageProblem("--focus", reason(error), "check the lens options") from error
+        option = f"{lens.focus_source}focus"
+        raise UsageProblem(option, reason(error), "check the lens options") from error
     return thin
 
 
@@ -148,7 +149,8 @@ def _drawn(lens: Lens, attempt: int) -> Lens:
     if lens.draw is None or attempt == 0:
         return lens
     draw = dataclasses.replace(lens.draw, attempt=attempt)
-    return dataclasses.replace(lens_of(draw.values()), max_coc=lens.max_coc, draw=draw)
+    other = lens_of(draw.values(), lens.focus_source)
+    return dataclasses.replace(other, max_coc=lens.max_coc, draw=draw)
 
 
 def _found(lens: Lens, depth: Depth) -> Lens:
@@ -162,14 +164,15 @@ def _found(lens: Lens, depth: Depth) -> Lens:
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     (x, y), (height, width) = pixel, depth.metres.shape
+    option = f"{lens.focus_source}focus-at"
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
-            "--focus-at",
+            option,
             f"{x},{y} lies outside {depth.path} of {width}x{height} px",
             f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
         )
     foc_dist = float(depth.metres[y : y + 1, x : x + 1][0, 0]) * MM_PER_M
-    refuse_near_focus(foc_dist, lens.foclen, f"--focus-at: {depth.path} at {x},{y}")
+    refuse_near_focus(foc_dist, lens.foclen, f"{option}: {depth.path} at {x},{y}")
     return foc_dist
 
 

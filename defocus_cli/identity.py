@@ -37,10 +37,11 @@ _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and
 def settings(job: Job) -> dict[str, Any]:
     """What a job asks for, as plain values, without its inputs, OUT and the machine."""
     outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
+    lens = {k: v for k, v in _plain(job.lens).items() if k != "focus_source"}
     return {
         "stem": job.picture.stem,
         "suffix": job.suffix,
-        "lens": _plain(job.lens),
+        "lens": lens,
         "reading": _plain(job.reading),
         "outputs": outputs,
         "quality": job.machine.quality,

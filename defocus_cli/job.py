@@ -7,7 +7,7 @@ Nothing here opens a file.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from defocus_cli.draws import Draw
@@ -63,6 +63,8 @@ class Lens:
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, the greatest CoC radius with which a picture is taken
     draw: Draw | None = None  # where it is from, if it is random, and where another can be had
+    # What errors name before the option of its focus: the file that has it, or dashes.
+    focus_source: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)

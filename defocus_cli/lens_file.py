@@ -23,6 +23,7 @@ from defocus_cli.lens_options import (
     merged,
     parsed,
     refuse_both,
+    refuse_idle_turn,
     refuse_unknown,
     text_of,
 )
@@ -49,22 +50,22 @@ def make_lens(flags: Mapping[str, Any], file: Path | None) -> Lens:
             raise UsageProblem(
                 f"--{name}", "is missing", f"add {_how(name, other)}, or a --lens FILE that has it"
             )
-    lens = lens_of(values)
+    where = "" if "blade-rotation" in given else f"{file}: "
+    refuse_idle_turn(values.get("blade-rotation"), values.get("blades"), where)
+    source = "--" if {"focus", "focus-at"} & given.keys() else f"{file}: "
+    lens = lens_of(values, source)
     if lens.foc_dist is not None:
-        source = "--focus" if "focus" in given else f"{file}: focus"
-        refuse_near_focus(lens.foc_dist, lens.foclen, source)
+        refuse_near_focus(lens.foc_dist, lens.foclen, f"{source}focus")
     return lens
 
 
-def lens_of(values: Mapping[str, Any]) -> Lens:
+def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
     """The lens of parsed options, of which none is missing and none contradicts another.
 
-    Raises:
-        UsageProblem: blades are turned that the lens does not have.
+    Args:
+        values: the options.
+        source: who says where its focus is, as `Lens` has it.
     """
-    if "blade-rotation" in values and "blades" not in values:
-        remedy = "add --blades N, like 6, or leave it out"
-        raise UsageProblem("--blade-rotation", "turns blades; this aperture is round", remedy)
     foclen, focus = values["focal-length"], values.get("focus")
     fnum = values["fnumber"] if "fnumber" in values else foclen / values["aperture-diameter"]
     percentile = focus.percent if isinstance(focus, quantities.Percentile) else None
@@ -77,6 +78,7 @@ def lens_of(values: Mapping[str, Any]) -> Lens:
         blades=values.get("blades", Lens.blades),
         blade_rotation=values.get("blade-rotation", Lens.blade_rotation),
         focus_percentile=percentile,
+        focus_source=source,
     )
 
 

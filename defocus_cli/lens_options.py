@@ -73,8 +73,13 @@ def tag(name: str, value: Any) -> str:
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of which ``over`` win, also over the other way to say the same."""
+    """Options of which ``over`` win, also over the other way to say the same.
+
+    Blades that ``over`` takes away are not turned any more.
+    """
     options = dict(base)
+    if str(over.get("blades")) == "0":
+        options.pop("blade-rotation", None)
     for one, other in ALTERNATIVES:
         if one in over or other in over:
             options.pop(one, None)
@@ -88,6 +93,20 @@ def refuse_unknown(name: str, where: str | Path, teller: str, more: Sequence[str
     if name not in known:
         remedy = did_you_mean(name.replace("_", "-"), known, f"{teller} knows {', '.join(known)}")
         raise UsageProblem(where, f"unknown key '{name}'", remedy)
+
+
+def refuse_idle_turn(turned: object, blades: object, where: str = "") -> None:
+    """Raise UsageProblem if there are no blades to be turned; ``where`` is the file, with a colon.
+
+    Args:
+        turned: whether a rotation is given.
+        blades: whether the aperture has, or may have, blades.
+        where: the file that says so; empty for the command line.
+    """
+    if turned and not blades:
+        remedy = f"give it some, like {'blades =' if where else '--blades'} 6, or leave it out"
+        problem = "turns blades; this aperture is round"
+        raise UsageProblem(f"{where or '--'}blade-rotation", problem, remedy)
 
 
 def refuse_both(values: Mapping[str, Any], where: str = "") -> None:

@@ -23,6 +23,7 @@ from defocus_cli.lens_options import (
     merged,
     parsed,
     refuse_both,
+    refuse_idle_turn,
     text_of,
     written,
 )
@@ -76,17 +77,21 @@ class LensPlan:
             place = entry.where if entry.options else self.place
             _check_lens(options, place)
             if self.sampling.count:
-                yield from self._drawn(entry.picture.stem, point.suffix, options)
+                yield from self._drawn(entry.picture.stem, point.suffix, options, place)
             else:
                 values = {name: parsed(name, text) for name, text in options.items()}
-                yield point.suffix, dataclasses.replace(lens_of(values), max_coc=self.max_coc)
+                lens = lens_of(values, _source(place))
+                yield point.suffix, dataclasses.replace(lens, max_coc=self.max_coc)
 
-    def _drawn(self, picture: str, suffix: str, options: Mapping[str, str]) -> Iterator[Named]:
+    def _drawn(
+        self, picture: str, suffix: str, options: Mapping[str, str], place: str
+    ) -> Iterator[Named]:
         """Lenses that were drawn, and from what: the depth may ask for another draw."""
         texts = tuple(options.items())
         for index in range(self.sampling.count):
             draw = Draw(self.sampling.seed, picture, index, texts)
-            lens = dataclasses.replace(lens_of(draw.values()), max_coc=self.max_coc, draw=draw)
+            lens = lens_of(draw.values(), _source(place))
+            lens = dataclasses.replace(lens, max_coc=self.max_coc, draw=draw)
             yield f"{suffix}_s{index:03}", lens
 
 
@@ -143,7 +148,7 @@ def _max_coc(lens: Table, sample: Table) -> float | None:
 
 
 def _check_lens(options: Mapping[str, str], place: str) -> None:
-    """Refuse a lens that lacks an option, or that could be focused too near."""
+    """Refuse a lens that lacks an option, has one in vain, or could be focused too near."""
     for name, other in (("focal-length", None), *ALTERNATIVES):
         if name not in options and other not in options:
             example = EXAMPLES[name] if name == "fnumber" else f'"{EXAMPLES[name]}"'
@@ -151,7 +156,14 @@ def _check_lens(options: Mapping[str, str], place: str) -> None:
             raise UsageProblem(place, f"has no {told}", f"write {name} = {example}")
     nearest, longest = _extreme(options, "focus", 0), _extreme(options, "focal-length", 1)
     if nearest is not None and longest is not None:
-        refuse_near_focus(nearest, longest, f"{place.partition(': [')[0]}: focus")
+        refuse_near_focus(nearest, longest, f"{_source(place)}focus")
+    turned = any(_extreme(options, "blade-rotation", side) for side in (0, 1))
+    refuse_idle_turn(turned, _extreme(options, "blades", 1), _source(place))
+
+
+def _source(place: str) -> str:
+    """The file of a place, as errors begin with it."""
+    return f"{place.partition(': [')[0]}: "
 
 
 def _extreme(options: Mapping[str, str], name: str, side: int) -> float | None:

@@ -75,6 +75,25 @@ def test_focus_at_a_depth_nearer_than_the_focal_length(
     refused(ran, 2, "defocus: --focus-at: ", str(near), "10mm", "focal length 50mm")
 
 
+def test_a_focus_that_a_file_has_is_blamed_on_the_file(
+    tmp_path: Path, color: Path, depth: Path, out: Path
+) -> None:
+    options = 'focal-length = "50mm"\nfnumber = 2\nfocus-at = [24, 0]\n'
+    lens, jobs = tmp_path / "lens.toml", tmp_path / "jobs.toml"
+    lens.write_text(options)
+    jobs.write_text(f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\n{options}')
+    told = "focus-at: 24,0 lies outside"
+    rendering = ("render", color, depth, "-o", out, "--lens", lens)
+    refused(run(*rendering), 2, f"defocus: {lens}: {told}")
+    refused(run("info", depth, "--lens", lens), 2, f"defocus: {lens}: {told}")
+    refused(run(*rendering, "--focus-at", "24,0"), 2, f"defocus: --{told}")
+    assert f"defocus: {jobs}: {told}" in run("batch", jobs, "-o", out, "--processes", "1").err
+    assert f"defocus: {told}" in run("retry", out, "--processes", "1").err
+    depth_exr(depth, ramp() / 100)
+    lens.write_text(options.replace("24", "0"))
+    refused(run(*rendering), 2, f"defocus: {lens}: focus-at: {depth} at 0,0: 10mm is not farther")
+
+
 @pytest.mark.parametrize("pixel", ["24,0", "0,16", "-1,0"])
 def test_focus_at_a_pixel_outside_the_image(
     pixel: str, color: Path, depth: Path, out: Path

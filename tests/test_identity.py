@@ -27,6 +27,7 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:
         picture=replace(PICTURE, color=Path("/far/a.exr"), depth=Path("/far/z.exr")),
         outputs=Outputs(Path("/elsewhere"), overwrite=True),
         machine=Machine(device="cpu", threads=8),
+        lens=replace(JOB.lens, focus_source="lens.toml: "),
     )
     assert identity.recipe(elsewhere) == identity.recipe(JOB)
 

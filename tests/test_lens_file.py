@@ -29,6 +29,13 @@ def test_a_file_and_flags_of_the_same_values_are_the_same_lens(tmp_path: Path) -
 def test_a_round_aperture_cannot_be_turned(tmp_path: Path) -> None:
     with pytest.raises(UsageProblem, match="--blade-rotation: turns blades"):
         make_lens({**FLAGS, "blade-rotation": 30.0}, None)
+    with pytest.raises(UsageProblem, match=r"--blade-rotation: .*like --blades 6"):
+        make_lens({**FLAGS, "blades": 0, "blade-rotation": 30.0}, None)
+    for text in ("blade-rotation = 30\n", "blades = 0\nblade-rotation = 30\n"):
+        path = lens_file(tmp_path, text)
+        with pytest.raises(UsageProblem, match=r"lens\.toml: blade-rotation: .*like blades = 6"):
+            make_lens(FLAGS, path)
+        assert make_lens({**FLAGS, "blades": 5}, path).blade_rotation == 30
     with_blades = lens_file(tmp_path, "blades = 6\nblade-rotation = 30\n")
     assert make_lens({**FLAGS, "blades": 0}, with_blades).blades == 0  # the file's, switched off
 

@@ -37,6 +37,15 @@ def test_lists_make_a_grid_whose_names_say_what_is_swept(tmp_path: Path) -> None
     assert found[3].lens.focus_percentile == 5
 
 
+def test_blades_are_turned_where_there_are_any(tmp_path: Path) -> None:
+    turn = "blade-rotation = 10\n"
+    found = swept(tmp_path, "blades = [0, 6]", f'fnumber = 2\nfocus = "2m"\n{turn}')
+    assert [job.lens.blade_rotation for job in found] == [0, 10]
+    for sweep in ("blades = [0, 6]\nblade-rotation = [0, 10]", "blade-rotation = [10]"):
+        with pytest.raises(UsageProblem, match=r"jobs\.toml: blade-rotation: turns blades"):
+            swept(tmp_path, sweep, 'fnumber = 2\nfocus = "2m"\n')
+
+
 @pytest.mark.parametrize(
     ("sweep", "name"),
     [
