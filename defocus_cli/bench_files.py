@@ -12,13 +12,11 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from defocus_cli import bench_plot
 from defocus_cli.bench_table import csv_text, means, record, regressions
 from defocus_cli.errors import InputError, reason
 from defocus_cli.files import written_whole
-from defocus_cli.report import print_json, version
+from defocus_cli.report import print_json, say, tell, version
 
 if TYPE_CHECKING:
     from defocus_cli.bench_run import Row
@@ -51,7 +49,7 @@ class Files:
 
     def echo(self, line: str) -> None:
         """Say a line to people."""
-        click.echo(line, err=self.json == STDOUT)
+        (say if self.json == STDOUT else tell)(line)
 
     def write(self, rows: Sequence[Row], settings: dict[str, Any]) -> None:
         """Write what is wanted of errors and times.

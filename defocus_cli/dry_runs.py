@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from defocus_cli import report
 from defocus_cli.errors import SomeFailed, UserError
 from defocus_cli.focusing import Rejected
@@ -48,11 +46,11 @@ def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
         whole = forecast.total(looked_at, len(todo)) if looked_at else None
         report.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
     for job in () if as_json else jobs:
-        click.echo(report.done_before_line(job) if job in done else report.plan_line(job))
+        report.tell(report.done_before_line(job) if job in done else report.plan_line(job))
         if job in by_job:
-            click.echo(forecast.line(by_job[job]))
+            report.tell(forecast.line(by_job[job]))
     for line in forecast.total_lines(looked_at, len(todo)) if looked_at and not as_json else ():
-        click.echo(line)
+        report.tell(line)
     _end(unusable, len(found), "pictures")
 
 
@@ -87,9 +85,9 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
     if as_json:
         report.print_json(dry_run=True, **told, samples=[report.plan_record(job) for job in todo])
     for job in todo if verbose and not as_json else ():
-        click.echo(report.plan_line(job))
+        report.tell(report.plan_line(job))
     for line in () if as_json else _batch_lines(told, len(found)):
-        click.echo(line)
+        report.tell(line)
     _end(unusable, len(found), "jobs")
 
 

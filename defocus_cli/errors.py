@@ -6,6 +6,7 @@ that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
 
 from __future__ import annotations
 
+import unicodedata
 from difflib import get_close_matches
 from typing import IO, TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ class UserError(click.ClickException):
     """
 
     def __init__(self, subject: str | Path, problem: str, remedy: str = "") -> None:
-        self.subject = one_line(subject)
+        self.subject = printable(str(subject))
         self.problem = one_line(problem)
         self.remedy = one_line(remedy)
         told = f"{self.subject}: {self.problem}"
@@ -70,8 +71,23 @@ class SomeFailed(click.ClickException):
 
 
 def one_line(text: object) -> str:
-    """``text`` with line breaks, tabs and runs of blanks turned into single blanks."""
-    return " ".join(str(text).split())
+    """``text`` with line breaks, tabs and runs of blanks turned into single blanks, `printable`."""
+    return printable(" ".join(str(text).split()))
+
+
+def printable(text: str) -> str:
+    """``text`` with what would steer a terminal or break a line written as Python escapes it.
+
+    File names may hold anything: line breaks, escapes, bytes that are no UTF-8.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        char
+        if char.isprintable() or unicodedata.category(char) == "Zs"
+        else char.encode("unicode_escape").decode()
+        for char in text
+    )
 
 
 def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:

@@ -11,6 +11,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
+from errno import ENOSPC
 
 import click
 
@@ -27,7 +28,6 @@ from defocus_cli.option_types import option_name
 from defocus_cli.report import version
 
 COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "bench", "verify")
-NO_SPACE = 28  # errno.ENOSPC
 
 
 class LazyGroup(click.Group):
@@ -119,7 +119,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def told(error: click.ClickException) -> str:
     """A click error in the form ``SUBJECT: problem; remedy``."""
-    if isinstance(error, UserError) or not isinstance(error, click.UsageError):
+    if isinstance(error, UserError):
+        return error.format_message()
+    if not isinstance(error, click.UsageError):
         return one_line(error.format_message())
     remedy = f"see '{error.ctx.command_path if error.ctx else 'defocus'} --help'"
     if isinstance(error, click.NoSuchOption):
@@ -138,7 +140,7 @@ def told(error: click.ClickException) -> str:
 
 def told_of_system(error: OSError) -> str:
     """An error of the operating system in the form ``SUBJECT: problem; remedy``."""
-    remedy = "free some space" if error.errno == NO_SPACE else "check the path and its permissions"
+    remedy = "free some space" if error.errno == ENOSPC else "check the path and its permissions"
     return one_line(f"{error.filename or 'system'}: {reason(error)}; {remedy}")
 
 

@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from errno import ENOSPC
 from functools import cache
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ import click
 
 from defocus_cli import stats_table
 from defocus_cli.arrays import scratch_folder
+from defocus_cli.errors import InputError, printable, reason
 from defocus_cli.files import spoken
 from defocus_cli.quantities import Percentile, counted, length_text
 
@@ -41,6 +43,7 @@ def version() -> str:
 
 def say(line: str) -> None:
     """One line on stderr, above the progress bar if there is one."""
+    line = printable(line)
     # Words that find no ear are no reason to lose the picture.
     with spoken(), suppress(OSError):
         if "tqdm" in sys.modules and sys.stderr is not None:
@@ -49,9 +52,32 @@ def say(line: str) -> None:
             click.echo(line, err=True)
 
 
+def tell(line: str) -> None:
+    """One line on stdout.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    _print(printable(line))
+
+
 def print_json(**document: Any) -> None:
-    """One JSON document on stdout, which names the version first."""
-    click.echo(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
+    """One JSON document on stdout, which names the version first.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    _print(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
+
+
+def _print(text: str) -> None:
+    if sys.stdout is None:  # closed by whoever started us
+        raise InputError("stdout", "is closed", "send it to a file or to another program")
+    try:
+        click.echo(text)
+    except OSError as error:
+        remedy = "free some space" if error.errno == ENOSPC else "check where it leads"
+        raise InputError("stdout", f"cannot be written: {reason(error)}", remedy) from error
 
 
 def lens_record(lens: Lens) -> dict[str, Any]:
@@ -157,7 +183,7 @@ def outcome_lines(
     if record["status"] != "ok":
         yield f"defocus: {record['message']}"
         if verbose and "trace" in result:
-            yield result["trace"].rstrip()
+            yield from result["trace"].splitlines()
         return
     (width, height), (near, far) = record["size"], record["coc_px"]
     seconds = record["seconds"]

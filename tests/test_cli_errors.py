@@ -43,6 +43,23 @@ def test_a_directory_for_a_file(color: Path, depth: Path, out: Path) -> None:
     refused_input(run("info", color.parent), color.parent, "is a directory")
 
 
+def test_names_that_would_steer_a_terminal_are_told_escaped(
+    color: Path, depth: Path, out: Path
+) -> None:
+    odd = color.rename(color.with_name("a\n\x1b[31mb\u3000é.exr"))
+    told = "a\\n\\x1b[31mb\u3000é"
+    refused(render(odd.with_suffix(".png"), depth, "-o", out), 3, f"/{told}.png: no such file")
+    refused(render(odd, odd, "-o", out), 3, f"defocus: {odd.parent}/{told}.exr: has no depth")
+    for ran in (render(odd, depth, "-o", out, "-v"), render(odd, depth, "-o", out)):
+        assert ran.code == 0
+        assert f"{told}: " in ran.err
+        assert f"/{told}.exr" in ran.err
+        assert "\x1b" not in ran.err
+    for ran in (run("info", odd), render(odd, depth, "-o", out, "--dry-run")):
+        assert told in ran.out
+        assert "\x1b" not in ran.out
+
+
 def socket_at(path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as made:
         made.bind(str(path))

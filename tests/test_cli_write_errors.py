@@ -20,6 +20,7 @@ from command_line import (
     refused,
     refused_input,
     render,
+    run,
 )
 
 from defocus_cli import encode, engine
@@ -74,6 +75,27 @@ def test_words_that_cannot_be_said_do_not_cost_the_picture(
         shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", *args, more, "--overwrite"]
         assert subprocess.run(shell, check=False).returncode == code
     assert files_under(out) == {"coc/color.exr"}
+
+
+@pytest.mark.parametrize(
+    ("redirected", "words"),
+    [
+        (">/dev/full", "cannot be written: No space left on device; free some space"),
+        (">&-", "is closed"),
+    ],
+)
+def test_a_document_that_cannot_be_told_is_an_error(
+    redirected: str, words: str, color: Path, depth: Path, out: Path
+) -> None:
+    command = "import sys; from defocus_cli.main import main; sys.exit(main())"
+    done = ["render", color, depth, "-o", out, "--outputs", "coc", "--json", *LENS]
+    assert run(*done).code == 0
+    for args in (done, ["info", color], ["info", color, "--json"], ["status", out]):
+        shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-c", command, *args]
+        ran = subprocess.run(shell, capture_output=True, text=True, check=False)
+        told = ran.stderr.splitlines()
+        assert (ran.returncode, told[-1].startswith(f"defocus: stdout: {words}")) == (3, True)
+        assert len(told) == 1 + (args is done)
 
 
 def test_a_full_disk(color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,7 +47,7 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
             continue
         records.append(report.inspection_record(inspection))
         for line in () if as_json else report.inspection_lines(inspection):
-            click.echo(line)
+            report.tell(line)
     if as_json and records:
         report.print_json(files=records)
     if failed:

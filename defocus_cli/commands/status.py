@@ -39,4 +39,4 @@ def command(out: Path, failures: int, as_json: bool) -> None:
         report.print_json(**batch_report.progress_record(found, failures))
         return
     for line in batch_report.progress_lines(out, found, failures):
-        click.echo(line)
+        report.tell(line)

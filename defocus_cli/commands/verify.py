@@ -66,9 +66,9 @@ def command(machine: Machine, as_json: bool) -> int:
         )
     else:
         for line in verify_table.lines(checks):
-            click.echo(line)
+            report.tell(line)
         work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
-        click.echo(f"{verify_table.summary(checks, seconds)} ({work})")
+        report.tell(f"{verify_table.summary(checks, seconds)} ({work})")
     return 0 if ok else 1
 
 
