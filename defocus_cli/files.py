@@ -48,13 +48,28 @@ def read_head(path: Path, count: int = 16) -> bytes:
         with path.open("rb") as file:
             head = file.read(count)
     except FileNotFoundError as error:
-        raise InputError(path, "no such file", "check the name") from error
+        raise missing(path) from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
+        if isinstance(error, OSError) and error.errno == errno.ELOOP:
+            raise missing(path) from error
         remedy = "check its permissions"
         raise InputError(path, f"cannot be opened: {reason(error)}", remedy) from error
     if not head:
         raise InputError(path, "is empty (zero bytes)", "write or copy it again")
     return head
+
+
+def missing(path: Path, what: str = "file") -> InputError:
+    """The InputError for a path at which nothing is, or a link that leads to nothing."""
+    if not path.is_symlink():
+        return InputError(path, f"no such {what}", "check the name")
+    problem = "is a symbolic link that leads to nothing"
+    try:
+        path.stat()
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            problem = "is a symbolic link that leads in a circle"
+    return InputError(path, problem, "make the link anew, or name another path")
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:

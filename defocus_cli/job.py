@@ -12,6 +12,7 @@ from pathlib import Path
 
 from defocus_cli.draws import Draw
 from defocus_cli.errors import InputError
+from defocus_cli.files import missing
 
 IMAGE_KINDS = ("render", "left", "right")
 MAP_KINDS = ("coc", "disparity", "trust")
@@ -163,7 +164,7 @@ def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
     """
     for path in (color, depth):
         if path is not None and not path.exists():
-            raise InputError(path, "no such file or directory", "check the path")
+            raise missing(path, "file or directory")
     if depth is None:
         return _scenes(color)
     if color.is_dir() != depth.is_dir():

@@ -10,6 +10,7 @@ import glob
 import os
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
 from defocus_cli.errors import InputError
@@ -32,7 +33,8 @@ def matching(folder: Path, pattern: str, suffixes: frozenset[str]) -> dict[str, 
         suffixes: the types of files to take; others are passed over.
 
     Raises:
-        InputError: nothing matches, two files get one name, or a folder cannot be looked into.
+        InputError: nothing matches, two files get one name, a folder cannot be looked into, or
+            holds a link to itself.
     """
     pattern = os.path.normpath(pattern)  # as glob writes what it finds
     _refuse_closed(folder, pattern)
@@ -43,6 +45,8 @@ def matching(folder: Path, pattern: str, suffixes: frozenset[str]) -> dict[str, 
         path = folder / text
         if path.suffix.lower() not in suffixes or path.is_dir():
             continue
+        if "**" in pattern:
+            _refuse_circle(path.parent)
         name = "_".join(_parts(expression, text)) or path.stem
         if name in found:
             problem = f"names both {found[name]} and {path} '{name}'"
@@ -70,6 +74,15 @@ def _refuse_closed(folder: Path, pattern: str) -> None:
             if path.is_dir() and not os.access(path, needed):
                 remedy = "check its permissions, or use a narrower pattern"
                 raise InputError(path, "cannot be looked into", remedy)
+
+
+@lru_cache(maxsize=4096)
+def _refuse_circle(folder: Path) -> None:
+    """Refuse a folder in which glob would find itself again and again."""
+    for place in (folder, *folder.parents):
+        if place.is_symlink() and place.parent.resolve().is_relative_to(place.resolve()):
+            problem = "is a symbolic link to a folder that it is in"
+            raise InputError(place, problem, "remove it, or use a narrower pattern")
 
 
 def _parts(expression: re.Pattern[str], text: str) -> Iterator[str]:

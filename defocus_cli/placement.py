@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Collection, Sequence
+from pathlib import Path
 
 from defocus_cli.errors import InputError
+from defocus_cli.files import missing
 from defocus_cli.job import Job, Outputs
 
 
@@ -59,7 +61,8 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     pictures = {job.picture for job in jobs}
     pictures |= {picture.hidden for picture in pictures if picture.hidden}
     named = {path for one in pictures for path in (one.color, one.depth)}
-    named |= {path.resolve() for path in named if path.is_symlink()}
+    # Path.resolve raises where a link leads in a circle; who reads it says it better.
+    named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}
     places = {folder: folder.resolve() for folder in {path.parent for path in named}}
     own = {
         (outputs.root / kind).resolve()
@@ -81,6 +84,8 @@ def refuse_unwritable(outputs: Outputs) -> None:
         InputError: a file is in the way, or the place is forbidden.
     """
     for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
+        if folder.is_symlink() and not folder.exists():
+            raise missing(folder)
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():
             raise InputError(existing, "is a file where a directory is needed", "choose another -o")

@@ -19,6 +19,7 @@ from command_line import (
     color_exr,
     depth_exr,
     files_under,
+    pair,
     ramp,
     refused,
     refused_input,
@@ -35,6 +36,39 @@ def test_a_missing_file(color: Path, depth: Path, out: Path) -> None:
     refused_input(render(missing, depth, "-o", out), missing, "no such file")
     refused_input(render(color, missing, "-o", out), missing, "no such file")
     refused_input(render(missing, "-o", out), missing, "no such file")
+
+
+def test_a_link_that_leads_nowhere(color: Path, depth: Path, out: Path) -> None:
+    circle = color.with_name("a")
+    circle.symlink_to("a")
+    for ran in (
+        *(render(*args, "-o", out) for args in ((circle, depth), (color, circle), (circle,))),
+        *(render(color, depth, "-o", circle), run("info", circle)),
+    ):
+        refused_input(ran, circle, "is a symbolic link that leads in a circle; make the link anew")
+    lost = color.with_name("b")
+    lost.symlink_to("none")
+    refused_input(render(color, depth, "-o", lost), lost, "leads to nothing")
+
+
+def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) -> None:
+    for stem in "ab":
+        color, depth = pair(tmp_path, stem)
+    color.unlink()
+    color.symlink_to(color.name)
+    ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
+    assert ran.code == 1
+    assert f"defocus: {color}: is a symbolic link that leads in a circle" in ran.err
+    assert files_under(out) == {"coc/a.exr"}
+
+
+def test_a_folder_that_is_linked_from_within_is_not_gone_round_in(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    (color.parent / "self").symlink_to(".")
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text('[inputs]\ncolor = "rgb/**/*.exr"\ndepth = "depth/**/*.exr"\n')
+    told = "is a symbolic link to a folder that it is in"
+    refused(run("batch", jobs, "-o", tmp_path / "out"), 3, f"{color.parent / 'self'}: {told}")
 
 
 def test_a_directory_for_a_file(color: Path, depth: Path, out: Path) -> None:
