@@ -178,10 +178,11 @@ def _from_raster(path: Path, unit: str | None, keeping: Keeping) -> Depth:
         problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
         raise InputError(path, problem, "save the depth as a single grey channel")
     integer = raster.type == "uint16"
-    kind = f"16-bit {path.suffix[1:].upper()}" if integer else f"float {path.suffix[1:].upper()}"
+    kind = f"{'16-bit' if integer else raster.type} {path.suffix[1:].upper()}"
     unit = unit or ("mm" if integer else "m")
     size = raster.height, raster.width
-    values = keeping.new(size, np.uint16 if integer else np.float32)
+    dtypes = {"uint16": np.uint16, "half": np.float16}  # of half, 65504 is told apart
+    values = keeping.new(size, dtypes.get(raster.type, np.float32))
     for window, samples in read_samples(path):
         values[window] = samples[:, :, 0]
     return _depth(path, "", values, unit, kind, keeping)

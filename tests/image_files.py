@@ -38,7 +38,8 @@ def write_deep(path: Path) -> None:
 def save(path: Path, samples: Any, **attributes: Any) -> Path:
     """Write samples as they are; ``a__b`` stands for the attribute a:b, and ``tile`` for a size."""
     height, width, channels = samples.shape
-    kind = {"float32": "float"}.get(samples.dtype.name, samples.dtype.name)
+    kind = {"float32": "float", "float16": "half"}.get(samples.dtype.name, samples.dtype.name)
+    oiio.attribute("tiff:half", 1)  # or half is written as float
     spec = oiio.ImageSpec(width, height, channels, kind)
     spec.attribute("oiio:UnassociatedAlpha", 1)
     spec.x, spec.y = attributes.pop("x", 0), attributes.pop("y", 0)

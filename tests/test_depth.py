@@ -129,6 +129,11 @@ def test_the_largest_half_is_sky_in_half_channels_only(tmp_path: Path) -> None:
     read = read_depth(tmp_path / "a.exr")
     assert read.metres.tolist() == [[INF, 65472, INF]]
     assert read.note == "EXR half channel Z, metres, 65504 taken as sky"
+    for dtype, metres in ((np.float16, np.inf), (np.float32, 65504)):
+        path = save(tmp_path / "a.tif", np.array([[[65504], [65472], [2]]], dtype))
+        read = read_depth(path)
+        assert read.metres.tolist() == [[metres, 65472, 2]]
+        assert ("taken as sky" in read.note) == (dtype is np.float16)
     for order in "<>":
         np.save(tmp_path / "a.npy", np.array([[65504, 65472, np.inf]], f"{order}f2"))
         assert read_depth(tmp_path / "a.npy").metres.tolist() == [[INF, 65472, INF]]
