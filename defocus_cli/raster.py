@@ -1,4 +1,4 @@
-"""Files that OpenImageIO decodes: PNG, JPEG, TIFF, HDR and whatever else it knows.
+"""Files that OpenImageIO decodes, of those it knows: PNG, JPEG, TIFF and HDR.
 
 Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
 to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
+_KINDS = ("png", "jpeg", "tiff", "hdr")
 _AGAIN = "write or copy it again"
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
@@ -126,6 +127,10 @@ def _opened(path: Path, formats: str) -> Any:
         told = "unknown format" if "format reader" in why else _first(path, why)
         problem = f"is not an image that can be read ({told})"
         raise InputError(path, problem, f"use {formats}")
+    if file.format_name() not in _KINDS:
+        kind = file.format_name().upper()
+        _close(file)
+        raise InputError(path, f"is of type {kind}, which is not read", f"use {formats}")
     spec = file.spec()
     check_size(path, spec.width, spec.height, spec.pixel_bytes(True))
     return file

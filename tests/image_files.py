@@ -37,6 +37,7 @@ def write_deep(path: Path) -> None:
 
 def save(path: Path, samples: Any, **attributes: Any) -> Path:
     """Write samples as they are; ``a__b`` stands for the attribute a:b, and ``tile`` for a size."""
+    path.parent.mkdir(exist_ok=True)
     height, width, channels = samples.shape
     kind = {"float32": "float", "float16": "half"}.get(samples.dtype.name, samples.dtype.name)
     oiio.attribute("tiff:half", 1)  # or half is written as float

@@ -243,6 +243,18 @@ def test_8_bit_depth(tmp_path: Path, color: Path, out: Path) -> None:
     refused_input(render(color, path, "-o", out), path, "8 bit", "16-bit PNG in millimetres")
 
 
+@pytest.mark.parametrize("name", ["c.bmp", "c.webp", "c.dpx", "c.gif", "c.tga"])
+def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
+    name: str, tmp_path: Path, depth: Path, out: Path
+) -> None:
+    path = save(tmp_path / "in" / name, (texture() * 255).astype(np.uint8))
+    ran = render(path, depth, "-o", out)
+    kind = path.suffix[1:].replace("tga", "targa").upper()
+    refused_input(ran, path, f"is of type {kind}, which is not read; use EXR, PNG, JPEG, TIFF")
+    refused_input(render(path.parent, depth.parent, "-o", out), path.parent, "no file of a known")
+    refused_input(run("info", path), path, "is not read")
+
+
 @pytest.mark.parametrize("name", ["z.jpg", "z.txt", "z.npz", "z.bmp"])
 def test_depth_of_another_format_names_those_that_hold_depth(
     name: str, tmp_path: Path, color: Path, out: Path
