@@ -128,7 +128,10 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
 
     def told(path: Path) -> tuple[int, float, float, int]:
         info = describe(path)
-        kinds = [kind for part in info.parts for _, kind in part.channels]
+        parts = info.parts
+        if not is_exr(read_head(path)):  # of several pages, one is read
+            parts = (max(parts, key=lambda part: len(part.channels)),)
+        kinds = [kind for part in parts for _, kind in part.channels]
         native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
         return info.width * info.height, native, native if info.at_once else 0.0, len(kinds)
 

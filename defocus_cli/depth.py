@@ -20,7 +20,7 @@ from defocus_cli.files import read_head
 from defocus_cli.float_maps import is_float_map, read_float_map
 from defocus_cli.layers import choose_depth
 from defocus_cli.quantities import counted
-from defocus_cli.raster import read_raster, read_samples
+from defocus_cli.raster import choose_page, read_pages, read_samples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,7 +79,7 @@ def read_depth(
     Args:
         path: an EXR, PFM, NPY, 16-bit PNG or TIFF, or float TIFF file.
         channel: which channel of an EXR file; PART/CHANNEL works too.
-        part: only look in this part of a multi-part EXR file, counted from 0.
+        part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
         unit: mm, cm, m or ft; None for metres, or millimetres in 16-bit PNG and TIFF.
         keeping: where the numbers are to be kept.
 
@@ -99,7 +99,7 @@ def read_depth(
     if is_float_map(head):
         read = read_float_map(path, integers=unit is not None)
         return _depth(path, "", read.values, unit or "m", read.format, keeping)
-    return _from_raster(path, unit, keeping)
+    return _from_raster(path, part, unit, keeping)
 
 
 def require_valid(depth: Depth) -> None:
@@ -165,10 +165,10 @@ def _grey(part: Part) -> bool:
     return all(np.array_equal(planes[0], plane, equal_nan=True) for plane in planes[1:])
 
 
-def _from_raster(path: Path, unit: str | None, keeping: Keeping) -> Depth:
+def _from_raster(path: Path, part: int | None, unit: str | None, keeping: Keeping) -> Depth:
     import numpy as np
 
-    raster = read_raster(path, wanted=FORMATS)
+    raster = choose_page(path, read_pages(path, wanted=FORMATS), part)
     if raster.deep:
         raise InputError(path, "holds deep data", "flatten it first")
     if raster.type == "uint8":
@@ -183,7 +183,7 @@ def _from_raster(path: Path, unit: str | None, keeping: Keeping) -> Depth:
     size = raster.height, raster.width
     dtypes = {"uint16": np.uint16, "half": np.float16}  # of half, 65504 is told apart
     values = keeping.new(size, dtypes.get(raster.type, np.float32))
-    for window, samples in read_samples(path):
+    for window, samples in read_samples(path, raster.page):
         values[window] = samples[:, :, 0]
     return _depth(path, "", values, unit, kind, keeping)
 

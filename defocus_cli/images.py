@@ -18,7 +18,7 @@ from defocus_cli.files import read_head
 from defocus_cli.float_maps import is_float_map, read_float_map
 from defocus_cli.layers import ColorLayer, choose_color
 from defocus_cli.quantities import counted
-from defocus_cli.raster import Raster, read_raster, read_samples
+from defocus_cli.raster import Raster, choose_page, read_pages, read_samples
 from defocus_cli.transfer import decoding_table, srgb_to_linear
 
 if TYPE_CHECKING:
@@ -65,12 +65,21 @@ class Color:
 
 @dataclass(frozen=True)
 class PartInfo:
-    """One part of a file: channels as (name, type), and whether it is deep."""
+    """One part of an EXR file, or page of a TIFF.
+
+    Attributes:
+        index: from 0.
+        name: empty where it has none.
+        channels: as (name, type).
+        deep: whether its pixels are deep.
+        whole: whether it is no thumbnail or mask of another one.
+    """
 
     index: int
     name: str
     channels: tuple[tuple[str, str], ...]
     deep: bool
+    whole: bool = True
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ class FileInfo:
         path: the file.
         width: of the picture shown, in px.
         height: in px.
-        parts: one, except in some EXR files.
+        parts: one, except in some EXR and TIFF files.
         at_once: whether its decoder may hold all of it; else it is read in pieces.
     """
 
@@ -104,7 +113,7 @@ def read_color(
     Args:
         path: an EXR, HDR, PNG, JPEG or TIFF file.
         layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
-        part: only look in this part of a multi-part EXR file, counted from 0.
+        part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
         keeping: where the pixels are to be kept.
 
     Raises:
@@ -121,7 +130,7 @@ def read_color(
         raise InputError(path, problem, "use EXR, PNG, JPEG, TIFF or HDR for colour")
     if layer is not None:
         raise UsageProblem("--color-layer", f"{path} has no layers", "leave it out")
-    return _from_raster(path, read_raster(path), keeping)
+    return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
 
 
 def require_finite(color: Color) -> None:
@@ -162,9 +171,17 @@ def describe(path: Path) -> FileInfo:
         floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
         return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=False)
     known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
-    raster = read_raster(path, wanted=known)
-    flat = PartInfo(0, "", tuple((name, raster.type) for name in raster.channels), raster.deep)
-    return FileInfo(path, raster.width, raster.height, (flat,), raster.at_once)
+    pages = read_pages(path, wanted=known)
+    parts = tuple(
+        PartInfo(
+            *(page.page, "", tuple((name, page.type) for name in page.channels)),
+            *(page.deep, page.whole),
+        )
+        for page in pages
+    )
+    first = next((page for page in pages if page.whole), pages[0])
+    at_once = any(page.at_once for page in pages)
+    return FileInfo(path, first.width, first.height, parts, at_once)
 
 
 def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
@@ -232,7 +249,7 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
     which = [names.index(c) for c in channels]
     size = raster.height, raster.width
     planes = tuple(keeping.new(size, np.float32) for _ in channels)
-    for window, found in read_samples(path):
+    for window, found in read_samples(path, raster.page):
         samples = found[:, :, which]
         alpha = _unit(samples[:, :, -1:]) if channels[-1] == "A" else None
         colour = samples if alpha is None else samples[:, :, :-1]

@@ -111,6 +111,7 @@ def _why_no_color(info: FileInfo, reading: Reading) -> str:
     from defocus_cli.exr_header import is_exr, read_headers
     from defocus_cli.files import read_head
     from defocus_cli.layers import choose_color
+    from defocus_cli.raster import choose_page
 
     if is_exr(read_head(info.path)):
         try:
@@ -122,7 +123,11 @@ def _why_no_color(info: FileInfo, reading: Reading) -> str:
                 raise
             return _clause(error)
         return ""
-    names = {name for part in info.parts for name, _ in part.channels}
+    try:
+        page = choose_page(info.path, info.parts, reading.part)
+    except InputError as error:
+        return _clause(error)
+    names = {name for name, _ in page.channels}
     return "" if {"R", "G", "B"} <= names or "Y" in names else "has no colour channels"
 
 
@@ -131,6 +136,7 @@ def _why_no_depth(info: FileInfo, reading: Reading) -> str:
     from defocus_cli.exr_header import is_exr, read_headers
     from defocus_cli.files import read_head
     from defocus_cli.layers import choose_depth
+    from defocus_cli.raster import choose_page
 
     if is_exr(read_head(info.path)):
         try:
@@ -142,7 +148,10 @@ def _why_no_depth(info: FileInfo, reading: Reading) -> str:
                 raise
             return _clause(error)
         return ""
-    channels = info.parts[0].channels
+    try:
+        channels = choose_page(info.path, info.parts, reading.part).channels
+    except InputError as error:
+        return _clause(error)
     if len(channels) != 1:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""

@@ -67,7 +67,7 @@ def reading_options(command: Command) -> Command:
                 "--part",
                 type=click.IntRange(min=0),
                 metavar="N",
-                help="Part of an EXR to look in, from 0.",
+                help="Part of an EXR, or page of a TIFF, to look in, from 0.",
             ),
         ],
     )(command)

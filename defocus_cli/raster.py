@@ -6,14 +6,15 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from defocus_cli.arrays import bands
 from defocus_cli.errors import InputError, one_line, reason
 from defocus_cli.files import check_size, quiet, read_head
+from defocus_cli.layers import require_part
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,7 +25,16 @@ _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "flo
 _KINDS = ("png", "jpeg", "tiff", "hdr")
 _AGAIN = "write or copy it again"
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
+_PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
+
+
+class _MayBeWhole(Protocol):
+    @property
+    def whole(self) -> bool: ...
+
+
+_Page = TypeVar("_Page", bound=_MayBeWhole)
 
 
 @dataclass(frozen=True)
@@ -40,6 +50,8 @@ class Raster:
         associated: whether colour is already multiplied by alpha.
         deep: whether it holds deep data, which has no samples.
         at_once: whether its decoder may hold all of it.
+        page: which image of the file it is, from 0: a TIFF may have several.
+        whole: whether it is no thumbnail or mask of another one.
     """
 
     width: int
@@ -50,10 +62,12 @@ class Raster:
     associated: bool
     deep: bool
     at_once: bool
+    page: int
+    whole: bool
 
 
-def read_raster(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> Raster:
-    """Look at the header of the first image of a file.
+def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> list[Raster]:
+    """Look at the headers of all images of a file.
 
     Args:
         path: the file.
@@ -66,16 +80,37 @@ def read_raster(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> R
     with _telling(path):
         file = _opened(path, wanted)
         try:
-            return _said(path, file.spec(), file.format_name())
+            found = [_said(path, file.spec(), file.format_name(), 0)]
+            while file.seek_subimage(len(found), 0):
+                found.append(_said(path, file.spec(), file.format_name(), len(found)))
+            return found
         finally:
             _close(file)
 
 
-def read_samples(path: Path) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
-    """Decode the first image of a file, some rows at a time.
+def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
+    """The image of a file that is meant: the only one, or that which ``--part`` counts from 0.
+
+    Raises:
+        InputError: there are several to choose from, or not so many.
+    """
+    if len(pages) == 1:  # as of EXR files: one --part serves the colour and the depth
+        return pages[0]
+    if part is not None:
+        require_part(path, part, len(pages))
+        return pages[part]
+    whole = [page for page in pages if page.whole]
+    if len(whole) == 1:
+        return whole[0]
+    raise InputError(path, f"has {len(pages)} pages", "choose one with --part, counted from 0")
+
+
+def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
+    """Decode an image of a file, some rows at a time.
 
     Args:
-        path: a file that `read_raster` has looked at, and that is not deep.
+        path: a file that `read_pages` has looked at.
+        page: which of them, one that is not deep.
 
     Yields:
         Rows and columns of the upright picture, and what is there: uint8, uint16 or float32
@@ -87,6 +122,7 @@ def read_samples(path: Path) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]
     with _telling(path):
         file = _opened(path, "an image")
     try:
+        file.seek_subimage(page, 0)
         spec = file.spec()
         kind = _SAMPLES.get(str(spec.format))
         if kind is None:
@@ -94,7 +130,7 @@ def read_samples(path: Path) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]
             raise InputError(path, problem, "save it with 8, 16 or float samples")
         for rows in _strips(spec):
             with _telling(path):
-                samples = _decoded(file, spec, rows, kind)
+                samples = _decoded(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
                     problem = f"is truncated or damaged ({_first(path, file.geterror())})"
@@ -131,8 +167,6 @@ def _opened(path: Path, formats: str) -> Any:
         kind = file.format_name().upper()
         _close(file)
         raise InputError(path, f"is of type {kind}, which is not read", f"use {formats}")
-    spec = file.spec()
-    check_size(path, spec.width, spec.height, spec.pixel_bytes(True))
     return file
 
 
@@ -152,15 +186,15 @@ def _strips(spec: Any) -> Iterator[slice]:
         yield slice(top, min(top + step, spec.height))
 
 
-def _decoded(file: Any, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
+def _decoded(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
     """Samples [h, W, C] of some rows as they are in the file, None if they cannot be had."""
     top, bottom, z, channels = spec.y + rows.start, spec.y + rows.stop, spec.z, spec.nchannels
     if spec.tile_width:
         found = file.read_tiles(
-            *(0, 0, spec.x, spec.x + spec.width, top, bottom, z, z + 1, 0, channels, kind)
+            *(page, 0, spec.x, spec.x + spec.width, top, bottom, z, z + 1, 0, channels, kind)
         )
     else:
-        found = file.read_scanlines(0, 0, top, bottom, z, 0, channels, kind)
+        found = file.read_scanlines(page, 0, top, bottom, z, 0, channels, kind)
     if found is None:
         return None
     samples: NDArray[Any] = found.reshape(rows.stop - rows.start, spec.width, channels)
@@ -183,8 +217,9 @@ def _upright(
     return (places[0], places[1]), samples
 
 
-def _said(path: Path, spec: Any, kind: str) -> Raster:
+def _said(path: Path, spec: Any, kind: str, page: int) -> Raster:
     width, height = spec.width, spec.height
+    check_size(path, width, height, spec.pixel_bytes(True))
     if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
         problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
         raise InputError(path, problem, "save it with black as 0")
@@ -199,6 +234,8 @@ def _said(path: Path, spec: Any, kind: str) -> Raster:
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
         at_once=_is_at_once(path, spec, kind),
+        page=page,
+        whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
     )
 
 
