@@ -185,7 +185,8 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
     }
     outputs = result["outputs"] or {name: {"path": path} for name, path in job.names.items()}
-    copied = ("lens", "size", "coc_px", "depth_note", "device", "warnings", "seconds")
+    copied = ("lens", "size", "coc_px", "device", "warnings", "seconds")
+    notes = ("color_note", "depth_note")
     return {
         "sample_id": job.sample_id,
         "job": identity.name(recipe, inputs),
@@ -196,7 +197,7 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
         "settings": identity.settings(job),
         "inputs": inputs,
         "outputs": outputs,
-        **{key: result[key] for key in copied},
+        **{key: result[key] for key in (*copied, *notes)},
         "quality": result["quality"] or job.machine.quality,
         "version": identity.core_version(),
         "finished": _now(),

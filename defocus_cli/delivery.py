@@ -194,6 +194,7 @@ def _attributes(outcome: Outcome, kind: str) -> dict[str, str]:
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,
         "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
+        "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_told(kind),
         "focal_length": length_text(lens.foclen, 9),
         "fnumber": f"{lens.fnum:.9g}",

@@ -72,13 +72,21 @@ def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | Non
         lens=lens,
         size=(width, height),
         coc_px=ends,
+        color_note=loaded.color.note,
         depth_note=loaded.depth.note,
         device=device,
         quality=quality_of(job.machine, ends),
+        warnings=_unheeded(loaded),
     )
     if not set(job.outputs.kinds) & set(RENDERED_KINDS):
         return Made(outcome, loaded.color, radius, {}, {})
     return rendered(loaded, radius, outcome, progress)
+
+
+def _unheeded(loaded: Loaded) -> tuple[str, ...]:
+    """What in the files of a picture was not heeded."""
+    behind = () if loaded.behind is None else loaded.behind[0].warnings
+    return *loaded.color.warnings, *(f"hidden: {warning}" for warning in behind)
 
 
 def write(made: Made) -> Outcome:

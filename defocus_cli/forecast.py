@@ -37,6 +37,7 @@ class Forecast:
         seconds: of the rendering, as `render_seconds` will tell.
         peak_mb: most memory that the process, or the GPU, will hold.
         scratch_mb: that its arrays take in scratch files; 0 if they are held in memory.
+        color_note: how its colour is read.
         depth_note: how its depth is read.
         depth_mended: what would be done to it before it is rendered; empty if nothing.
     """
@@ -49,6 +50,7 @@ class Forecast:
     seconds: float
     peak_mb: float
     scratch_mb: float = 0.0
+    color_note: str = ""
     depth_note: str = ""
     depth_mended: str = ""
 
@@ -128,6 +130,7 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
         seconds=seconds,
         peak_mb=peak,
         scratch_mb=scratch,
+        color_note=loaded.color.note,
         depth_note=loaded.depth.note,
         depth_mended="" if planned is None else mended_words(planned.mending),
     )
@@ -141,6 +144,7 @@ def record(forecast: Forecast) -> dict[str, Any]:
         "read_seconds": forecast.read_seconds,
         "render_seconds": forecast.seconds,
         "peak_mb": forecast.peak_mb,
+        "color_note": forecast.color_note,
         "depth_note": "; ".join(filter(None, (forecast.depth_note, forecast.depth_mended))),
     }
     if forecast.scratch_mb:

@@ -19,7 +19,7 @@ from defocus_cli.float_maps import is_float_map, read_float_map
 from defocus_cli.layers import ColorLayer, choose_color
 from defocus_cli.quantities import counted
 from defocus_cli.raster import Raster, choose_page, read_pages, read_samples
-from defocus_cli.transfer import decoding_table, srgb_to_linear
+from defocus_cli.transfer import linear_light, unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,6 +40,8 @@ class Color:
         attributes: EXR metadata for the output to carry.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
         corner: x and y of the first pixel, for an EXR output to be where the input is.
+        note: how the file was understood, for people.
+        warnings: what in the file was not heeded, for people.
     """
 
     planes: tuple[Any, ...]
@@ -48,6 +50,8 @@ class Color:
     attributes: dict[str, object] = field(default_factory=dict)
     extras: dict[str, Any] = field(default_factory=dict)
     corner: tuple[int, int] = (0, 0)
+    note: str = ""
+    warnings: tuple[str, ...] = ()
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -196,7 +200,14 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
         attributes=own.attributes,
         extras=_extras(parts, chosen),
         corner=(chosen.header.display.x0, chosen.header.display.y0),
+        note=_exr_note(chosen),
     )
+
+
+def _exr_note(chosen: ColorLayer) -> str:
+    names = chosen.channels.values()
+    kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
+    return f"EXR {' and '.join(sorted(kinds))}, linear"
 
 
 def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
@@ -251,47 +262,15 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
     planes = tuple(keeping.new(size, np.float32) for _ in channels)
     for window, found in read_samples(path, raster.page):
         samples = found[:, :, which]
-        alpha = _unit(samples[:, :, -1:]) if channels[-1] == "A" else None
+        alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
         colour = samples if alpha is None else samples[:, :, :-1]
-        pixels = _linear(colour, raster, alpha)
+        pixels = linear_light(colour, alpha, gamma=raster.space.gamma, associated=raster.associated)
         parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
         for index, plane in enumerate(planes):
             plane[window] = parts[:, :, index]
-    return Color(planes, channels, path)
-
-
-def _linear(
-    colour: NDArray[Any], raster: Raster, alpha: NDArray[np.float32] | None
-) -> NDArray[np.float32]:
-    """Linear light, premultiplied by ``alpha`` if there is one."""
-    import numpy as np
-
-    linear: NDArray[np.float32]
-    if alpha is not None and raster.associated and raster.gamma != 1.0:
-        # Such files were premultiplied after encoding, as editors do: undo that first.
-        visible = np.where(alpha > 0, alpha, np.float32(1.0))
-        return _decoded(np.minimum(_unit(colour) / visible, 1.0), raster.gamma) * alpha
-    if colour.dtype.kind == "u":
-        linear = decoding_table(colour.dtype.itemsize * 8, raster.gamma)[colour]
-    else:
-        linear = _decoded(colour, raster.gamma)
-    return linear if alpha is None or raster.associated else linear * alpha
-
-
-def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
-    import numpy as np
-
-    if gamma == 1.0:
-        return values
-    linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
-    return linear.astype(np.float32)
-
-
-def _unit(samples: NDArray[Any]) -> NDArray[np.float32]:
-    """Integers as 0…1, floats as they are."""
-    import numpy as np
-
-    if samples.dtype.kind != "u":
-        return samples.astype(np.float32)
-    top = np.iinfo(samples.dtype).max
-    return (samples / top).astype(np.float32)
+    note, unheeded = raster.space.note, raster.space.unheeded
+    if not unheeded:
+        return Color(planes, channels, path, note=note)
+    warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
+    note = f"{note}, its {unheeded} not applied"
+    return Color(planes, channels, path, note=note, warnings=(warning,))

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 class ColorFound:
     """Colour that ``defocus render`` would take."""
 
+    note: str
     channels: tuple[str, ...]
     nonfinite: int  # pixels that are NaN or infinite
 
@@ -99,7 +100,7 @@ def inspect(
     color = depth = None
     if not color_note:
         read = read_color(path, layer=reading.color_layer, part=reading.part)
-        color = ColorFound(read.channels, _nonfinite(read.pixels))
+        color = ColorFound(read.note, read.channels, _nonfinite(read.pixels))
     if not depth_note:
         channel, unit = reading.depth_channel, reading.depth_unit
         depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)

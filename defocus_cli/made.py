@@ -24,6 +24,7 @@ class Outcome:
     lens: Lens  # with the focus distance that was found
     size: tuple[int, int]  # width, height
     coc_px: tuple[float, float]  # smallest and largest signed radius
+    color_note: str
     depth_note: str
     device: str
     quality: str

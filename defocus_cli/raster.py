@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from defocus_cli.arrays import bands
+from defocus_cli.color_space import ColorSpace, color_space
 from defocus_cli.errors import InputError, one_line, reason
 from defocus_cli.files import check_size, quiet, read_head
 from defocus_cli.layers import require_part
@@ -46,7 +47,7 @@ class Raster:
         height: in px.
         channels: names, upper case for colour and alpha: R, G, B, A or Y.
         type: sample type in OpenImageIO's words.
-        gamma: exponent of the decoding power law, 1 for linear, None for sRGB.
+        space: how its samples become light.
         associated: whether colour is already multiplied by alpha.
         deep: whether it holds deep data, which has no samples.
         at_once: whether its decoder may hold all of it.
@@ -58,7 +59,7 @@ class Raster:
     height: int
     channels: tuple[str, ...]
     type: str
-    gamma: float | None
+    space: ColorSpace
     associated: bool
     deep: bool
     at_once: bool
@@ -230,7 +231,7 @@ def _said(path: Path, spec: Any, kind: str, page: int) -> Raster:
         height=height,
         channels=tuple(_canonical(spec)),
         type=str(spec.format),
-        gamma=_gamma(spec),
+        space=color_space(spec),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
         at_once=_is_at_once(path, spec, kind),
@@ -258,19 +259,6 @@ def _canonical(spec: Any) -> Iterator[str]:
             yield "Y"
         else:
             yield name
-
-
-def _gamma(spec: Any) -> float | None:
-    """How samples become linear light, from what the file declares and, failing that, its type."""
-    space = spec.get_string_attribute("oiio:ColorSpace").lower()
-    if space.startswith("lin") or space == "scene_linear":
-        return 1.0
-    if space.startswith("srgb"):
-        return None
-    declared = spec.get_float_attribute("oiio:Gamma", 0.0)
-    if declared > 0:
-        return float(declared)
-    return 1.0 if str(spec.format) in {"half", "float", "double"} else None
 
 
 def _first(path: Path, text: str) -> str:

@@ -85,7 +85,7 @@ def rendered(
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
-        warnings=tuple(warnings),
+        warnings=(*outcome.warnings, *warnings),
     )
     return Made(done, loaded.color, radius, images.planes, images.clamped)
 

@@ -156,6 +156,7 @@ def outcome_record(
         "message": record["message"],
         "done_before": not result,
         "size": record["size"],
+        "color_note": record.get("color_note"),  # journals of earlier versions have none
         "depth_note": record["depth_note"],
         "lens": record["lens"] or lens_record(job.lens),
         "coc_px": record["coc_px"],
@@ -194,6 +195,7 @@ def outcome_lines(
     for warning in record["warnings"]:
         yield f"{job.sample_id}: warning: {warning}"
     if verbose:
+        yield f"  colour: {record['color_note']}"
         yield f"  depth: {record['depth_note']}"
         yield (
             f"  {record['device']}, {counted(job.machine.threads, 'thread')}, {record['quality']}, "
@@ -241,6 +243,7 @@ def inspection_record(found: Inspection) -> dict[str, Any]:
         "maps": [_map_record(shown) for shown in found.maps],
     }
     if found.color is not None:
+        record["color_note"] = found.color.note
         record["color"] = {
             "channels": list(found.color.channels),
             "nonfinite_pixels": found.color.nonfinite,
@@ -283,7 +286,7 @@ def inspection_lines(found: Inspection) -> Iterator[str]:
     else:
         bad = found.color.nonfinite
         holes = f", {counted(bad, 'pixel')} not finite" if bad else ""
-        yield f"  colour: {', '.join(found.color.channels)}{holes}"
+        yield f"  colour: {', '.join(found.color.channels)}{holes} ({found.color.note})"
     if found.depth is None:
         yield f"  no depth: {found.depth_note}"
     else:

@@ -43,6 +43,54 @@ def decoding_table(bits: int, gamma: float | None = None) -> NDArray[np.float32]
     return linear.astype(np.float32)
 
 
+def linear_light(
+    colour: NDArray[Any],
+    alpha: NDArray[np.float32] | None,
+    *,
+    gamma: float | None,
+    associated: bool,
+) -> NDArray[np.float32]:
+    """Linear light of the samples of a file, premultiplied by alpha if there is one.
+
+    Args:
+        colour: [H, W, C] as in the file.
+        alpha: [H, W, 1], 0…1.
+        gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
+        associated: whether the samples are multiplied by alpha already.
+    """
+    import numpy as np
+
+    linear: NDArray[np.float32]
+    if alpha is not None and associated and gamma != 1.0:
+        # Such files were premultiplied after encoding, as editors do: undo that first.
+        visible = np.where(alpha > 0, alpha, np.float32(1.0))
+        return _decoded(np.minimum(unit(colour) / visible, 1.0), gamma) * alpha
+    if colour.dtype.kind == "u":
+        linear = decoding_table(colour.dtype.itemsize * 8, gamma)[colour]
+    else:
+        linear = _decoded(colour, gamma)
+    return linear if alpha is None or associated else linear * alpha
+
+
+def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
+    import numpy as np
+
+    if gamma == 1.0:
+        return values
+    linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
+    return linear.astype(np.float32)
+
+
+def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
+    """Integers as 0…1, floats as they are."""
+    import numpy as np
+
+    if samples.dtype.kind != "u":
+        return samples.astype(np.float32)
+    top = np.iinfo(samples.dtype).max
+    return (samples / top).astype(np.float32)
+
+
 def quantised(values: NDArray[np.float32], bits: int) -> NDArray[Any]:
     """Values 0…1 as the nearest integers of 8 or 16 bits; what lies outside is clipped."""
     import numpy as np

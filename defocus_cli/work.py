@@ -1,9 +1,10 @@
 """Does jobs, and tells what became of each as a plain dictionary, small enough to be sent.
 
-A result has status, reason, message, inputs, outputs, lens, size, coc_px, depth_note, device,
-quality, warnings and seconds as a record of the journal has them, paths aside: outputs are relative
-to the root, inputs have none. ``stats`` are those of the renderer. Where something was raised,
-``trace`` is its traceback if it was a fault, and ``error`` itself is there, for this process alone.
+A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
+device, quality, warnings and seconds as a record of the journal has them, paths aside: outputs are
+relative to the root, inputs have none. ``stats`` are those of the renderer. Where something was
+raised, ``trace`` is its traceback if it was a fault, and ``error`` itself is there, for this
+process alone.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
-NOTHING = dict.fromkeys(("lens", "size", "coc_px", "depth_note", "device", "quality"))
+NOTHING = dict.fromkeys(("lens", "size", "coc_px", "color_note", "depth_note", "device", "quality"))
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ def write(computed: Computed) -> Result:
         "lens": report.lens_record(outcome.lens),
         "size": list(outcome.size),
         "coc_px": list(outcome.coc_px),
+        "color_note": outcome.color_note,
         "depth_note": outcome.depth_told(),
         "device": outcome.device,
         "quality": outcome.quality,

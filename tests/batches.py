@@ -107,6 +107,7 @@ def _pretended(job: Job, out: Path) -> dict[str, Any]:
         "lens": lens_record(job.lens),
         "size": [1, 1],
         "coc_px": [0.0, 1.0],
+        "color_note": "",
         "depth_note": "",
         "device": "cpu",
         "quality": "standard",

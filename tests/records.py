@@ -51,6 +51,7 @@ def record(
         "coc_px": [-1, 2.5],
         "size": [4, 3],
         "quality": "draft",
+        "color_note": "",
         "depth_note": "EXR float channel Z, metres",
         "device": "cpu",
         "seconds": 0.25,

@@ -139,7 +139,7 @@ def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> O
     color, depth = pair(tmp_path)
     lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
     job = Job(Picture("a", color, depth), lens, Reading(), outputs, Machine(threads=4))
-    return Outcome(job, lens, (8, 8), (-2.0, 3.0), "", "cpu", "standard")
+    return Outcome(job, lens, (8, 8), (-2.0, 3.0), "", "", "cpu", "standard")
 
 
 FRAME = (torch.rand(3, 8, 8), torch.zeros(8, 8))
