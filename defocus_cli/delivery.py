@@ -97,6 +97,8 @@ def deliver(
                     write_coc_preview(previews[kind], maps[kind])
                 written.placed(previews[kind])
         written.sync()
+    if outputs.format == "exr" and set(images) - {"trust"}:
+        warnings += color.left_out
     return tuple(warnings)
 
 

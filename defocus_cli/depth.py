@@ -142,7 +142,7 @@ def _from_exr(
         raise InputError(path, problem, "say --depth-unit mm")
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
-    told = f"EXR {kind} channel {chosen.name}{place}"
+    told = ", ".join(filter(None, (f"EXR {kind} channel {chosen.name}{place}", header.cut_note)))
     return _depth(path, chosen.name, pixels, unit or "m", told, keeping)
 
 

@@ -35,6 +35,9 @@ class Window:
     x1: int
     y1: int
 
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height} at {self.x0},{self.y0}"
+
     @property
     def width(self) -> int:
         """In px."""
@@ -75,6 +78,14 @@ class Header:
     display: Window
     deep: bool
     pixel_aspect: float = 1.0  # width of a pixel by its height
+
+    @property
+    def cut_note(self) -> str:
+        """What of its pixels is not shown, and what is shown but has none; empty if neither."""
+        data, display = self.data, self.display
+        cropped = "" if display.covers(data) else f"cropped from {data} to the display window"
+        missing = "" if data.covers(display) else f"0 outside the data window {data}"
+        return ", ".join(filter(None, (cropped, missing)))
 
     @property
     def label(self) -> str:

@@ -42,6 +42,7 @@ class Color:
         corner: x and y of the first pixel, for an EXR output to be where the input is.
         note: how the file was understood, for people.
         warnings: what in the file was not heeded, for people.
+        left_out: what of the EXR file no output can carry, for people.
     """
 
     planes: tuple[Any, ...]
@@ -52,6 +53,7 @@ class Color:
     corner: tuple[int, int] = (0, 0)
     note: str = ""
     warnings: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -193,21 +195,33 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
     chosen = choose_color(path, headers, layer=layer, part=part)
     parts = read_parts(path, headers, keeping)
     own = parts[chosen.header.index]
+    extras, left_out = _extras(parts, chosen)
     return Color(
         planes=_alike([own.channels[name] for name in chosen.channels.values()], keeping),
         channels=tuple(chosen.channels),
         path=path,
         attributes=own.attributes,
-        extras=_extras(parts, chosen),
+        extras=extras,
         corner=(chosen.header.display.x0, chosen.header.display.y0),
         note=_exr_note(chosen),
+        warnings=_missing(chosen),
+        left_out=left_out,
     )
 
 
 def _exr_note(chosen: ColorLayer) -> str:
     names = chosen.channels.values()
     kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
-    return f"EXR {' and '.join(sorted(kinds))}, linear"
+    told = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note
+    return ", ".join(filter(None, told))
+
+
+def _missing(chosen: ColorLayer) -> tuple[str, ...]:
+    """What is black because the file has no pixels there; with alpha, it is as transparent."""
+    header = chosen.header
+    if "A" in chosen.channels or header.data.covers(header.display):
+        return ()
+    return (f"black outside its data window {header.data}; render the whole display window",)
 
 
 def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
@@ -226,24 +240,32 @@ def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
     return tuple(found)
 
 
-def _extras(parts: Sequence[Part], chosen: ColorLayer) -> dict[str, NDArray[Any]]:
-    """Channels beside the chosen layer; PART.NAME where a plain name is taken.
+def _extras(
+    parts: Sequence[Part], chosen: ColorLayer
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """Channels beside the chosen layer, PART.NAME where a plain name is taken.
 
-    Parts of another size cannot share a file with the output and stay behind.
+    And, in words, what cannot share a file with the output.
     """
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}
+    left_out = []
     for part in sorted(parts, key=lambda p: p.header.index != chosen.header.index):
         display = part.header.display
-        if (display.width, display.height) != size:
+        if part.header.deep or (display.width, display.height) != size:
+            why = "which is deep" if part.header.deep else "which is of another size"
+            left_out.append(f"part {part.header.label}, {why}, left out")
             continue
+        lost = [channel.name for channel in part.header.channels if channel.subsampled]
+        if lost:
+            left_out.append(f"{', '.join(lost)}, subsampled, left out")
         own = part.header.index == chosen.header.index
         for name, plane in part.channels.items():
             if own and name in chosen.channels.values():
                 continue
             taken = name in extras or name in chosen.channels
             extras[f"{part.header.label}.{name}" if taken else name] = plane
-    return extras
+    return extras, tuple(left_out)
 
 
 def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
