@@ -123,8 +123,8 @@ def _sizes(job: Job) -> tuple[float, float]:
 def _inputs(picture: Picture) -> tuple[int, float, float, int]:
     """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
     from defocus_cli.exr_header import is_exr
+    from defocus_cli.file_info import describe
     from defocus_cli.files import read_head
-    from defocus_cli.images import describe
 
     def told(path: Path) -> tuple[int, float, float, int]:
         info = describe(path)

@@ -93,7 +93,7 @@ def write_image(
             samples, above, below = found[0], above + found[1], below + found[2]
             yield samples
 
-    told = {k: str(v) for k, v in attributes.items() if k.startswith("defocus:")}
+    told = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
     write_samples(path, pixels.shape[:2], encoded(), codec, told)
     warnings = []
     if channels[-1] == "A" and not keep_alpha:

@@ -132,7 +132,7 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     """
     if reading.part is None:
         return None, None
-    from defocus_cli.images import describe
+    from defocus_cli.file_info import describe
     from defocus_cli.layers import require_part
 
     paths = (picture.color, picture.depth)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.arrays import IN_MEMORY, Keeping
 from defocus_cli.errors import InputError, reason
-from defocus_cli.exr_header import Header, Window, read_headers
+from defocus_cli.exr_header import STRUCTURAL, Header, Raw, Window, read_headers
+from defocus_cli.exr_text import legible
 from defocus_cli.files import quiet, written_whole
 
 if TYPE_CHECKING:
@@ -29,14 +30,6 @@ NO_PIECES = (
 _STRIP_BYTES = 1 << 25  # of pixels, encoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
-# Attributes that describe how this one file is laid out, not the picture.
-STRUCTURAL = frozenset(
-    {
-        *("channels", "dataWindow", "displayWindow", "lineOrder", "tiles", "type", "version"),
-        *("compression", "dwaCompressionLevel", "zipCompressionLevel", "chunkCount"),
-        *("name", "multiView", "deepImageState", "maxSamplesPerPixel"),
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -47,13 +40,10 @@ class Part:
         header: what its header says.
         channels: name to native array [H, W] of the display window, in memory or in a scratch
             file; empty for a deep part. Subsampled channels are left out.
-        attributes: header metadata that another file may carry: `STRUCTURAL` ones are left out,
-            and values of a type that OpenEXR reads but cannot write.
     """
 
     header: Header
     channels: dict[str, Any]
-    attributes: dict[str, object]
 
 
 def read_parts(
@@ -80,7 +70,7 @@ def read_parts(
         with quiet():
             if keeping.scratch:
                 return tuple(_in_pieces(path, headers, keeping, wanted))
-            decoded = OpenEXR.File(str(path), separate_channels=True).parts
+            decoded = OpenEXR.File(legible(path), separate_channels=True).parts
             # OpenEXR leaves out a part that it failed to decode, with no more than a print.
             if len(decoded) != len(headers):
                 raise InputError(path, *DAMAGED)
@@ -94,9 +84,8 @@ def read_parts(
 
 def _part(path: Path, header: Header, decoded: Any) -> Part:
     """``decoded`` as a Part, checked against the header that was read before."""
-    attributes = {k: v for k, v in decoded.header.items() if _carriable(k, v)}
     if header.deep:
-        return Part(header, {}, attributes)
+        return Part(header, {})
     flat = [channel for channel in header.channels if not channel.subsampled]
     channels = {}
     for channel in flat:
@@ -105,7 +94,7 @@ def _part(path: Path, header: Header, decoded: Any) -> Part:
         if pixels is None or pixels.shape != shape or pixels.dtype != _DTYPES[channel.type]:
             raise InputError(path, *DAMAGED)
         channels[channel.name] = _crop(pixels, header.data, header.display)
-    return Part(header, channels, attributes)
+    return Part(header, channels)
 
 
 def _in_pieces(
@@ -115,15 +104,9 @@ def _in_pieces(
     wanted: Callable[[Header, str], bool],
 ) -> Iterator[Part]:
     """The parts, some rows or tiles of each at a time in memory."""
-    import OpenEXR
-
     from defocus_cli.exr_strips import pieces, read_chunks
 
-    said = OpenEXR.File(str(path), separate_channels=True, header_only=True).parts
-    if len(said) != len(headers):
-        raise InputError(path, *DAMAGED)
-    for header, chunks, one in zip(headers, read_chunks(path), said, strict=True):
-        attributes = {k: v for k, v in one.header.items() if _carriable(k, v)}
+    for header, chunks in zip(headers, read_chunks(path), strict=True):
         channels: dict[str, Any] = {}
         flat = [c for c in header.channels if not c.subsampled and wanted(header, c.name)]
         if header.deep:
@@ -145,7 +128,7 @@ def _in_pieces(
                     if pixels.shape != (data.height, data.width):
                         raise InputError(path, *DAMAGED)
                     _put(channels[channel.name], pixels, data, header.display)
-        yield Part(header, channels, attributes)
+        yield Part(header, channels)
 
 
 def _put(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
@@ -168,18 +151,6 @@ def _crop(pixels: NDArray[Any], data: Window, display: Window) -> NDArray[Any]:
     return cropped
 
 
-def _carriable(name: str, value: object) -> bool:
-    import numpy as np
-    import OpenEXR
-
-    if name in STRUCTURAL:
-        return False
-    if isinstance(value, list):
-        return bool(value) and all(type(item) is type(value[0]) for item in value)
-    kinds = (str, int, float, tuple, np.ndarray, OpenEXR.TimeCode, OpenEXR.KeyCode, OpenEXR.Envmap)
-    return isinstance(value, kinds)
-
-
 def write_exr(
     path: Path,
     channels: Mapping[str, Any],
@@ -192,7 +163,7 @@ def write_exr(
         path: written whole or not at all.
         channels: name to float16, float32 or uint32 array [H, W], of which some rows are looked at
             at a time.
-        attributes: header metadata; `STRUCTURAL` names are ignored.
+        attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
         corner: x and y of the first pixel of both windows.
 
     Raises:
@@ -203,7 +174,9 @@ def write_exr(
 
     from defocus_cli.exr_strips import ZIP_ROWS, write_strips
 
-    header = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
+    given = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
+    carried = {name: value for name, value in given.items() if isinstance(value, Raw)}
+    header = {name: value for name, value in given.items() if name not in carried}
     header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     height, width = next(iter(channels.values())).shape
     row_bytes = width * sum(array.dtype.itemsize for array in channels.values())
@@ -214,7 +187,8 @@ def write_exr(
     )
     with written_whole(path) as file, quiet():
         x, y = corner
-        write_strips(file, header, Window(x, y, x + width - 1, y + height - 1), parts)
+        window = Window(x, y, x + width - 1, y + height - 1)
+        write_strips(file, header, carried, window, parts)
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:

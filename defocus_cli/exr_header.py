@@ -7,8 +7,9 @@ Layout: openexr.com, "OpenEXR File Layout".
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from defocus_cli.errors import InputError
 from defocus_cli.files import check_size, read_head
@@ -24,6 +25,21 @@ _LONGEST_NAME = 255
 # The attributes read here are tens of bytes, a channel list at most some thousand names.
 _LONGEST_VALUE = 2**24
 _SQUARE = struct.pack("<f", 1.0)
+# Attributes that describe how this one file is laid out, not the picture.
+STRUCTURAL = frozenset(
+    {
+        *("channels", "dataWindow", "displayWindow", "lineOrder", "tiles", "type", "version"),
+        *("compression", "dwaCompressionLevel", "zipCompressionLevel", "chunkCount"),
+        *("name", "multiView", "deepImageState", "maxSamplesPerPixel"),
+    }
+)
+
+
+class Raw(NamedTuple):
+    """An attribute of a header as it stands in the file: of any type, and of any text."""
+
+    kind: str
+    value: bytes
 
 
 @dataclass(frozen=True)
@@ -69,7 +85,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Header:
-    """One part of an EXR file."""
+    """One part of an EXR file; its attributes are those that another file may carry."""
 
     index: int
     name: str  # empty in most single-part files
@@ -78,6 +94,7 @@ class Header:
     display: Window
     deep: bool
     pixel_aspect: float = 1.0  # width of a pixel by its height
+    attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
     @property
     def cut_note(self) -> str:
@@ -109,6 +126,9 @@ def read_headers(path: Path) -> tuple[Header, ...]:
     try:
         with path.open("rb") as file:
             headers = tuple(_parts(file))
+    except UnicodeDecodeError as error:
+        problem = f"has a name in its header that is not UTF-8, {error.object!r}"
+        raise InputError(path, problem, "write it again with plain names") from error
     except (OSError, ValueError, struct.error) as error:
         problem = f"has a damaged OpenEXR header ({error})"
         raise InputError(path, problem, "write or copy it again") from error
@@ -124,7 +144,7 @@ def _parts(file: BinaryIO) -> list[Header]:
     if version & 0xFF != 2:
         raise ValueError(f"format version {version & 0xFF}, not 2")
     headers: list[Header] = []
-    while attributes := _attributes(file):
+    while attributes := {name: Raw(kind, value) for name, kind, value in attributes_of(file)}:
         headers.append(_header(len(headers), attributes, bool(version & _DEEP)))
         if not version & _MULTIPART:
             break
@@ -133,27 +153,40 @@ def _parts(file: BinaryIO) -> list[Header]:
     return headers
 
 
-def _attributes(file: BinaryIO) -> dict[str, bytes]:
-    """Attribute values of the next header, empty at the end of a multi-part list."""
-    return {name: value for name, _, value in attributes_of(file)}
-
-
 def attributes_of(file: BinaryIO) -> list[tuple[str, str, bytes]]:
     """Name, type and value of the attributes of the next header, in order.
+
+    There are none at the end of a multi-part list.
 
     Raises:
         ValueError: it is damaged.
     """
-    found: list[tuple[str, str, bytes]] = []
-    while name := _text(file):
-        kind = _text(file)
-        (size,) = struct.unpack("<i", file.read(4))
-        if not 0 <= size <= _LONGEST_VALUE:
-            raise ValueError(f"attribute {name} of {size} bytes")
-        found.append((name, kind, file.read(size)))
-        if len(found[-1][2]) < size:
-            raise ValueError("it ends early")
-    return found
+    return list(iter(lambda: attribute_of(file), None))
+
+
+def attribute_of(file: BinaryIO) -> tuple[str, str, bytes] | None:
+    """Name, type and value of the next attribute; None at the end of a header.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    name = _text(file)
+    if not name:
+        return None
+    kind = _text(file)
+    (size,) = struct.unpack("<i", file.read(4))
+    if not 0 <= size <= _LONGEST_VALUE:
+        raise ValueError(f"attribute {name} of {size} bytes")
+    value = file.read(size)
+    if len(value) < size:
+        raise ValueError("it ends early")
+    return name, kind, value
+
+
+def is_multipart(file: BinaryIO) -> bool:
+    """Whether a file, at its beginning, may have several headers; the first comes next."""
+    (_, version) = struct.unpack("<4sI", file.read(8))
+    return bool(version & _MULTIPART)
 
 
 def _text(file: BinaryIO) -> str:
@@ -163,10 +196,11 @@ def _text(file: BinaryIO) -> str:
         if not byte or len(text) == _LONGEST_NAME:
             raise ValueError("it ends early" if not byte else "a name does not end")
         text += byte
-    return text.decode("utf-8", "replace")
+    return text.decode()
 
 
-def _header(index: int, attributes: dict[str, bytes], any_deep: bool) -> Header:
+def _header(index: int, found: dict[str, Raw], any_deep: bool) -> Header:
+    attributes = {name: raw.value for name, raw in found.items()}
     missing = {"channels", "dataWindow", "displayWindow"} - attributes.keys()
     if missing:
         raise ValueError(f"no {min(missing)}")
@@ -179,6 +213,7 @@ def _header(index: int, attributes: dict[str, bytes], any_deep: bool) -> Header:
         display=Window(*struct.unpack("<4i", attributes["displayWindow"])),
         deep=kind.startswith(b"deep"),
         pixel_aspect=struct.unpack("<f", attributes.get("pixelAspectRatio", _SQUARE))[0],
+        attributes={name: raw for name, raw in found.items() if name not in STRUCTURAL},
     )
 
 
@@ -191,7 +226,6 @@ def _channels(value: bytes) -> list[Channel]:
         kind, xs, ys = struct.unpack_from("<i4x2i", value)
         if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
             raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
-        text = name.decode("utf-8", "replace")
-        found.append(Channel(text, PIXEL_TYPES[kind], subsampled=(xs, ys) != (1, 1)))
+        found.append(Channel(name.decode(), PIXEL_TYPES[kind], subsampled=(xs, ys) != (1, 1)))
         value = value[16:]
     return found

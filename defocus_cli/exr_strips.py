@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from defocus_cli.exr_header import MAGIC, Window, attributes_of
+from defocus_cli.exr_header import MAGIC, Raw, Window, attributes_of
+from defocus_cli.exr_text import TEXTS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,6 +31,8 @@ ZIP_ROWS = 16
 _STRIP_BYTES = 1 << 25  # decoded
 _TILED, _LONG_NAMES, _DEEP, _MULTIPART = 0x200, 0x400, 0x800, 0x1000
 _MOST_CHUNKS = 1 << 24
+_LEFT_OUT = frozenset({"chunkCount", "preview"})
+_SHORT = 31  # bytes of a name that any reader takes
 _ONE_LEVEL = 0  # the mode of a tiled part without smaller copies of itself
 
 Attributes = list[tuple[str, str, bytes]]
@@ -167,7 +170,7 @@ def _alone(file: BinaryIO, chunks: Chunks, columns: range, rows: range, window: 
     kept = [
         (name, kind, changed.get(name, value))
         for name, kind, value in chunks.attributes
-        if name not in ("chunkCount", "name", "view", "preview")
+        if name == "type" or (name not in _LEFT_OUT and kind not in TEXTS)
     ]
     flags = chunks.version & (0xFF | _LONG_NAMES) | (_TILED if chunks.tiled else 0)
     start = _header(kept, flags)
@@ -194,6 +197,7 @@ def _alone(file: BinaryIO, chunks: Chunks, columns: range, rows: range, window: 
 def write_strips(
     file: BinaryIO,
     header: Mapping[str, object],
+    carried: Mapping[str, Raw],
     window: Window,
     parts: Iterable[dict[str, NDArray[Any]]],
 ) -> None:
@@ -202,6 +206,7 @@ def write_strips(
     Args:
         file: to write to, at its beginning.
         header: as OpenEXR takes it, windows left out.
+        carried: further attributes, as they stand in another file.
         window: that is written and displayed.
         parts: the channels of strip after strip, each of a multiple of `ZIP_ROWS` rows but the
             last.
@@ -216,12 +221,11 @@ def write_strips(
         OpenEXR.File(dict(header), dict(channels)).write(encoded)  # changes what it is given
         attributes, chunks = _taken_apart(encoded)
         if not offsets:
-            sized = [
-                (name, kind, whole if name in ("dataWindow", "displayWindow") else value)
-                for name, kind, value in attributes
-            ]
+            named = {name: Raw(kind, value) for name, kind, value in attributes}
+            named |= carried
+            named |= dict.fromkeys(("dataWindow", "displayWindow"), Raw("box2i", whole))
             (version,) = struct.unpack_from("<I", encoded.getvalue(), 4)
-            file.write(_header(sized, version))
+            file.write(_header([(name, *named[name]) for name in sorted(named)], version))
             table = file.tell()
             file.write(bytes(8 * -(-window.height // ZIP_ROWS)))
         for chunk in chunks:
@@ -252,6 +256,8 @@ def _taken_apart(encoded: io.BytesIO) -> tuple[Attributes, Iterator[memoryview]]
 
 
 def _header(attributes: Attributes, version: int) -> bytes:
+    if any(max(len(name.encode()), len(kind.encode())) > _SHORT for name, kind, _ in attributes):
+        version |= _LONG_NAMES
     parts = [MAGIC, struct.pack("<I", version)]
     for name, kind, value in attributes:
         parts += [name.encode(), b"\0", kind.encode(), b"\0", struct.pack("<i", len(value)), value]

@@ -15,18 +15,20 @@ from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.exr import Part, read_parts
 from defocus_cli.exr_header import is_exr, read_headers
 from defocus_cli.files import read_head
-from defocus_cli.float_maps import is_float_map, read_float_map
+from defocus_cli.float_maps import is_float_map
 from defocus_cli.layers import ColorLayer, choose_color
 from defocus_cli.quantities import counted
 from defocus_cli.raster import Raster, choose_page, read_pages, read_samples
 from defocus_cli.transfer import linear_light, unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
+
+_THUMBNAIL = "preview"  # attribute of an EXR header
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Color:
     planes: tuple[Any, ...]
     channels: tuple[str, ...]
     path: Path
-    attributes: dict[str, object] = field(default_factory=dict)
+    attributes: Mapping[str, object] = field(default_factory=dict)
     extras: dict[str, Any] = field(default_factory=dict)
     corner: tuple[int, int] = (0, 0)
     note: str = ""
@@ -67,44 +69,6 @@ class Color:
         import numpy as np
 
         return np.stack([plane[:] for plane in self.planes], axis=2, dtype=np.float32)
-
-
-@dataclass(frozen=True)
-class PartInfo:
-    """One part of an EXR file, or page of a TIFF.
-
-    Attributes:
-        index: from 0.
-        name: empty where it has none.
-        channels: as (name, type).
-        deep: whether its pixels are deep.
-        whole: whether it is no thumbnail or mask of another one.
-    """
-
-    index: int
-    name: str
-    channels: tuple[tuple[str, str], ...]
-    deep: bool
-    whole: bool = True
-
-
-@dataclass(frozen=True)
-class FileInfo:
-    """What a file's header says.
-
-    Attributes:
-        path: the file.
-        width: of the picture shown, in px.
-        height: in px.
-        parts: one, except in some EXR and TIFF files.
-        at_once: whether its decoder may hold all of it; else it is read in pieces.
-    """
-
-    path: Path
-    width: int
-    height: int
-    parts: tuple[PartInfo, ...]
-    at_once: bool
 
 
 def read_color(
@@ -157,39 +121,6 @@ def require_finite(color: Color) -> None:
     raise InputError(color.path, problem, "render or save it again with finite values")
 
 
-def describe(path: Path) -> FileInfo:
-    """What a colour or depth file holds, without decoding its pixels.
-
-    Raises:
-        InputError: the file is missing, damaged or of no known kind.
-    """
-    head = read_head(path)
-    if is_exr(head):
-        headers = read_headers(path)
-        parts = tuple(
-            PartInfo(h.index, h.name, tuple((c.name, c.type) for c in h.channels), h.deep)
-            for h in headers
-        )
-        shown = headers[0].display
-        return FileInfo(path, shown.width, shown.height, parts, at_once=False)
-    if is_float_map(head):
-        values = read_float_map(path, integers=True).values
-        floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
-        return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=False)
-    known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
-    pages = read_pages(path, wanted=known)
-    parts = tuple(
-        PartInfo(
-            *(page.page, "", tuple((name, page.type) for name in page.channels)),
-            *(page.deep, page.whole),
-        )
-        for page in pages
-    )
-    first = next((page for page in pages if page.whole), pages[0])
-    at_once = any(page.at_once for page in pages)
-    return FileInfo(path, first.width, first.height, parts, at_once)
-
-
 def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
     headers = read_headers(path)
     chosen = choose_color(path, headers, layer=layer, part=part)
@@ -200,7 +131,7 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
         planes=_alike([own.channels[name] for name in chosen.channels.values()], keeping),
         channels=tuple(chosen.channels),
         path=path,
-        attributes=own.attributes,
+        attributes={k: v for k, v in own.header.attributes.items() if k != _THUMBNAIL},
         extras=extras,
         corner=(chosen.header.display.x0, chosen.header.display.y0),
         note=_exr_note(chosen),
@@ -212,7 +143,8 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
 def _exr_note(chosen: ColorLayer) -> str:
     names = chosen.channels.values()
     kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
-    told = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note
+    thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in chosen.header.attributes)
+    told = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
     return ", ".join(filter(None, told))
 
 

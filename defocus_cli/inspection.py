@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from defocus_cli.depth import Depth
-    from defocus_cli.images import FileInfo
+    from defocus_cli.file_info import FileInfo
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Inspection:
 
 def have_parts(paths: Sequence[Path]) -> bool:
     """Whether any of some files, as far as they can be read, has several parts."""
-    from defocus_cli.images import describe
+    from defocus_cli.file_info import describe
 
     for path in paths:
         with suppress(InputError):
@@ -89,7 +89,8 @@ def inspect(
         UsageProblem: the options make no sense for this file.
     """
     from defocus_cli.depth import read_depth
-    from defocus_cli.images import describe, read_color
+    from defocus_cli.file_info import describe
+    from defocus_cli.images import read_color
     from defocus_cli.layers import require_part
 
     info = describe(path)

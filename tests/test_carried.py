@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,14 @@ from command_line import (
     header,
     ramp,
     read_exr,
+    refused_input,
     render,
     run,
 )
 from image_files import SCANLINE, box, write_window
+
+from defocus_cli import budget
+from defocus_cli.exr_header import Raw, read_headers
 
 DEEP = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
 X, Y = 5, -7  # of the display window's first pixel
@@ -84,3 +89,52 @@ def test_channels_and_parts_that_no_output_can_hold_are_said_to_be_left_out(
             args = (tmp_path / f"{stem}.exr", depth, "-o", out / stem / more[1], *more)
             assert left_out not in render(*args).err
     assert set(read_exr(out / "render" / "a.exr")) == {"R", "G", "B", "id"}
+
+
+def test_attributes_of_any_type_and_text_come_back_as_they_were(
+    tmp_path: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: dict[str, Any] = {
+        "framesPerSecond": Fraction(24000, 1001),
+        "ours": OpenEXR.OpaqueAttribute(b"\1\2\xff", "madeHere"),
+        "blob": OpenEXR.Bytes(b"xyz", "note"),
+        "a name of more than 31 bytes, like those of some": 1.5,
+        "owner": "J?rgen",
+        "files": ["a", "J?rgen" * 40],
+    }
+    path = tmp_path / "a.exr"
+    OpenEXR.File({**SCANLINE, **said}, planes("RGB", HEIGHT, WIDTH)).write(str(path))
+    path.write_bytes(path.read_bytes().replace(b"J?rgen", b"J\xfcrgen"))
+    (given,) = read_headers(path)
+    assert given.attributes["owner"] == Raw("string", b"J\xfcrgen")
+    for share in (0.5, 0.0):  # of the memory for arrays: none, and they are read in pieces
+        monkeypatch.setattr(budget, "_FOR_ARRAYS", share)
+        ran = render(path, depth, "-o", out, "--overwrite")
+        assert ran.code == 0, ran.err
+        (told,) = read_headers(out / "render" / "a.exr")
+        assert {name: told.attributes[name] for name in said} == {
+            name: given.attributes[name] for name in said
+        }
+    assert render(out / "render" / "a.exr", depth, "-o", tmp_path / "again").code == 0
+
+
+def test_a_thumbnail_stays_behind_as_it_shows_the_picture_in_focus(
+    tmp_path: Path, depth: Path, out: Path
+) -> None:
+    path = tmp_path / "a.exr"
+    attributes = {**SCANLINE, "preview": OpenEXR.PreviewImage(2, 1)}
+    OpenEXR.File(attributes, planes("RGB", HEIGHT, WIDTH)).write(str(path))
+    ran = render(path, depth, "-o", out, "-v")
+    assert "its thumbnail, which is sharp, left out" in ran.err
+    assert "preview" not in header(out / "render" / "a.exr")
+
+
+def test_a_name_that_is_not_utf_8_is_not_called_damage(
+    tmp_path: Path, depth: Path, out: Path
+) -> None:
+    for name in ("mask", "about"):
+        path = tmp_path / f"{name}.exr"
+        channels = planes("RGB", HEIGHT, WIDTH) | {"mask": ramp()}
+        OpenEXR.File({**SCANLINE, "about": 1.0}, channels).write(str(path))
+        path.write_bytes(path.read_bytes().replace(name.encode(), b"\xff" * len(name)))
+        refused_input(render(path, depth, "-o", out), path, "has a name in its header", "not UTF-8")

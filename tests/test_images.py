@@ -23,7 +23,9 @@ from image_files import (
 from defocus_cli import arrays
 from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.exr import write_exr
-from defocus_cli.images import Color, describe, read_color, require_finite
+from defocus_cli.exr_header import Raw
+from defocus_cli.file_info import describe
+from defocus_cli.images import Color, read_color, require_finite
 
 SHAPE = (6, 7)
 
@@ -163,7 +165,7 @@ def test_exr_colour_is_taken_as_it_is(tmp_path: Path) -> None:
     color = read_color(path)
     np.testing.assert_array_equal(color.pixels, np.stack([planes[c] for c in "RGBA"], axis=2))
     assert color.channels == ("R", "G", "B", "A")
-    assert color.attributes["owner"] == "someone"
+    assert color.attributes["owner"] == Raw("string", b"someone")
     assert set(color.extras) == {"Z", "id"}
     np.testing.assert_array_equal(color.extras["id"], ids)
     assert color.extras["Z"].dtype == np.float16

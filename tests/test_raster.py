@@ -11,7 +11,8 @@ import pytest
 from command_line import WIDTH, depth_exr, ramp, read_exr, refused_input, render, run, texture
 
 from defocus_cli.errors import InputError
-from defocus_cli.images import describe, read_color
+from defocus_cli.file_info import describe
+from defocus_cli.images import read_color
 from defocus_cli.transfer import srgb_to_linear
 
 THUMBNAIL = 1
