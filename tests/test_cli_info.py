@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,19 @@ def test_sky_counts_in_the_blur(tmp_path: Path) -> None:
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "inf")
     (record,) = run("info", "--json", path, *lens).json["files"]
     assert record["depth"]["coc_px"][1] == 0
+
+
+def test_help_names_all_that_json_has(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
+    render(color, depth, "-o", out, "--outputs", "coc,trust")
+    files = (color, depth, *(out / kind / "c.exr" for kind in ("coc", "trust")))
+    records = run("info", "--json", *files, *LENS).json["files"]
+    assert records[1]["depth"]["mended"] == ""
+    inner = [record[key] or {} for record in records for key in ("color", "depth")]
+    listed = [one for record in records for key in ("parts", "maps") for one in record[key]]
+    words = set(re.findall(r"\w+", run("info", "--help").out))
+    assert {name for found in (*records, *inner, *listed) for name in found} <= words
 
 
 def test_people_are_told_on_stdout(tmp_path: Path) -> None:

@@ -30,6 +30,18 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     cannot be read so is named, and the others are told.
 
     \b
+    With --json, "files" has of each:
+      file, size   its path; width and height in px
+      parts        index, name, deep, and channels with their types
+      color        channels, nonfinite_pixels; null if there is none
+      color_note   how the colour would be read, or why there is none
+      depth        range_m, sky_pixels, invalid_pixels; with a lens, which lens, coc_px,
+                   and mended: what would be done to the depth before it is rendered,
+                   empty if nothing; null if there is none
+      depth_note   how the depth would be read, or why there is none
+      maps         kind, and range_px or range, of what 'defocus render' wrote
+
+    \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
