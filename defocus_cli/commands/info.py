@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import options, report
+from defocus_cli import inspection_report, options, report
 from defocus_cli.errors import UserError
 from defocus_cli.grouped import GroupedCommand
 from defocus_cli.inspection import have_parts, inspect
@@ -57,8 +57,8 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
                 failed.show()
             failed = error
             continue
-        records.append(report.inspection_record(inspection))
-        for line in () if as_json else report.inspection_lines(inspection):
+        records.append(inspection_report.record(inspection))
+        for line in () if as_json else inspection_report.lines(inspection):
             report.tell(line)
     if as_json and records:
         report.print_json(files=records)
