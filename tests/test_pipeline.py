@@ -25,9 +25,13 @@ class Steps:
     def __init__(self) -> None:
         self.events: list[tuple[str, str]] = []
         self.fails: tuple[str, str] = ("", "")
+        self.interrupted: tuple[str, str] = ("", "")
+        self.waits = threading.get_ident()
 
     def step(self, name: str, job: Job) -> None:
         self.events.append((f"{name}", job.sample_id))
+        if self.interrupted == (name, job.sample_id):  # Ctrl-C, at the thread that waits
+            signal.pthread_kill(self.waits, signal.SIGINT)
         time.sleep(STEP)
         self.events.append((f"{name}.", job.sample_id))
 
@@ -115,12 +119,6 @@ def test_what_the_jobs_raise_ends_the_run_after_those_before(steps: Steps) -> No
     assert threading.active_count() < 20
 
 
-def interrupt_after(seconds: float) -> None:
-    """Ctrl-C, at the thread that waits."""
-    asking = (threading.get_ident(), signal.SIGINT)
-    threading.Timer(seconds, signal.pthread_kill, asking).start()
-
-
 def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps: Steps) -> None:
     done: list[int] = []
 
@@ -135,14 +133,14 @@ def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps: Steps) -> None:
 
 def test_ctrl_c_during_the_last_write_comes_after_it(steps: Steps) -> None:
     done: list[int] = []
-    interrupt_after(2.5 * STEP)  # read, computed, half written
+    steps.interrupted = ("write", "a")
     with pytest.raises(KeyboardInterrupt):
         pipeline.run(jobs("a"), lambda number, result: done.append(number))
     assert done == [0]
 
 
 def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
-    interrupt_after(1.3 * STEP)  # a is computed, b decoded
+    steps.interrupted = ("read", "b")  # while a is computed
     with pytest.raises(KeyboardInterrupt):
         pipeline.run(jobs("abc"), lambda number, result: None)
     begun = {name for event, name in steps.events if event == "read"}
