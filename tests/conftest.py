@@ -1,6 +1,7 @@
 """Paths, threads, and the two input files that tests of the command line share."""
 
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +18,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 
 # Small tensors gain nothing from a second thread, and lose much where the machine is busy.
 torch.set_num_threads(1)
+# A shell lets what runs in the background ignore Ctrl-C, and nohup the end of a session: the
+# processes that are to be interrupted here would inherit that.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture
