@@ -157,13 +157,14 @@ def _along(rows: Tensor, infinity: float | None) -> Tensor:
     found = rows.new_zeros((2, 4), dtype=torch.float64)
     if rows.shape[1] <= 2 * _BESIDE:
         return found
-    _, step, _ = steps_beside(rows, 1)
     apart = (rows[:, 2 * _BESIDE :] - rows[:, : -2 * _BESIDE]).abs() > _MATTERS
     radii = rows.unfold(1, 2 * _BESIDE + 1, 1)[apart]
     for told, limit in zip(found, (math.inf, infinity), strict=True):
         if limit is not None:
             before, here, after = steps_beside(_as_averaged(rows, limit), 1)
-            hard = ((step > _MATTERS) & (torch.maximum(before, after) < _LEVEL * here)).sum()
+            step = here if math.isinf(limit) else steps_beside(rows, 1)[1]
+            level = _LEVEL * here - torch.maximum(before, after)
+            hard = torch.count_nonzero(torch.minimum(step - _MATTERS, level) > 0)
             place, average, wide = _on_edges(_as_averaged(radii, limit))
             told.copy_(torch.stack([average.sum(), (place * average).sum(), wide.sum(), hard]))
     return found

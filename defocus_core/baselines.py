@@ -87,7 +87,7 @@ def _blurred(layer: Tensor, radius: float, aperture: Aperture, threads: int) -> 
     if extent == 0:
         return layer
     rows, columns = (transform_length(max(n + extent, 2 * extent + 1)) for n in (H, W))
-    kernel = kernels(torch.tensor([radius], dtype=torch.float64), extent, aperture, [FULL])
+    kernel = kernels(torch.tensor([radius], dtype=torch.float64), extent, aperture, [FULL])[:, 0]
     response = kernel_spectra(kernel[0], (rows, columns))
     response = response.to(layer.device, torch.promote_types(layer.dtype, torch.complex64))
 

@@ -70,14 +70,14 @@ def share_in_frame(
     Returns:
         [M, 1, h, w] in [0.01, 1].
     """
-    share, at_corners = _beside_borders(
-        signed_radius, box, _borders(size, farthest), aperture, parts
-    )
-    index = torch.nonzero(at_corners.flatten())[:, 0]
-    if len(index):
-        row = index.div(box.width, rounding_mode="floor")
-        r = signed_radius.flatten()[index]
-        column = index - row * box.width
+    borders = _borders(size, farthest)
+    share = signed_radius.new_ones(len(parts), *signed_radius.shape)
+    for border in borders:
+        _without_what_passes(share, signed_radius, box, border, aperture, parts)
+    row, column = _where_two_are_passed(signed_radius.detach(), box, borders)
+    if len(row):
+        index = row * box.width + column
+        r = signed_radius.flatten().index_select(0, index)
         at = (row.to(r) + (box.top + 0.5), column.to(r) + (box.left + 0.5))
         share = share.flatten(1).index_copy(1, index, _at_corners(r, at, size, aperture, parts))
     return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
@@ -110,29 +110,58 @@ def _borders(size: tuple[int, int], farthest: int) -> list[_Border]:
     ]
 
 
-def _beside_borders(
-    signed_radius: Tensor, box: Box, borders: list[_Border], aperture: Aperture, parts: list[Part]
+def _without_what_passes(
+    share: Tensor,
+    signed_radius: Tensor,
+    box: Box,
+    border: _Border,
+    aperture: Aperture,
+    parts: list[Part],
+) -> None:
+    """Take off the share [M, h, w] of light that passes a border."""
+    strip = border.strip.grown(0, box)
+    if min(strip[2:]) <= 0:
+        return
+    here = strip.seen_from(box)
+    r = here.of(signed_radius)
+    size, away = r.abs(), _away(border, strip, r)
+    # of a smaller radius nothing counts
+    u = (away / size.clamp(min=_FROM).copysign(r)).clamp_(-1, 1)
+    weight = _weight(size)
+    for m, part in enumerate(parts):
+        here.of(share[m]).sub_(_past(aperture, part, border.dim, u) * weight)
+
+
+def _away(border: _Border, strip: Box, like: Tensor) -> Tensor:
+    """How many px behind a border pixels of a strip are, [h, 1] or [w]; less than 0 before it."""
+    side = strip.sides[border.dim]
+    away = torch.arange(side.first, side.end, device=like.device).to(like) + (0.5 - border.at)
+    return away[:, None] if border.dim == 0 else away
+
+
+def _where_two_are_passed(
+    signed_radius: Tensor, box: Box, borders: list[_Border]
 ) -> tuple[Tensor, Tensor]:
-    """The share [M, h, w] where light passes borders of one direction, and where of both [h, w]."""
-    share = signed_radius.new_ones(len(parts), *signed_radius.shape)
-    met = torch.zeros(2, *signed_radius.shape, dtype=torch.bool, device=share.device)
-    for border in borders:
-        strip = border.strip.grown(0, box)
-        if min(strip[2:]) <= 0:
-            continue
-        here, side = strip.seen_from(box), strip.sides[border.dim]
-        r = here.of(signed_radius)
-        away = torch.arange(side.first, side.end, device=r.device).to(r) + (0.5 - border.at)
-        away = away[:, None] if border.dim == 0 else away
-        past = r.detach().abs() > away.abs().clamp(min=_FROM)
-        weight = _weight(r) * past
-        u = (away / torch.where(past, r, 1.0)).clamp(-1, 1)
-        above = (r > 0) != border.last
-        for m, part in enumerate(parts):
-            below = _below(aperture, part, border.dim, u)
-            here.of(share[m]).sub_(torch.where(above, 1 - below, below) * weight)
-        here.of(met[border.dim]).logical_or_(past)
-    return share, met[0] & met[1]
+    """Rows and columns [n] of pixels whose light passes borders of both directions."""
+    found = []
+    for level in (border for border in borders if border.dim == 0):
+        for upright in (border for border in borders if border.dim == 1):
+            corner = level.strip.grown(0, box).grown(0, upright.strip)
+            if min(corner[2:]) <= 0:
+                continue
+            here = corner.seen_from(box)
+            size = here.of(signed_radius).abs()
+            passed = [
+                size > _away(border, corner, size).abs().clamp(min=_FROM)
+                for border in (level, upright)
+            ]
+            at = torch.nonzero(passed[0] & passed[1])
+            found.append(at + at.new_tensor(here[:2]))
+    if not found:
+        none = torch.zeros(0, dtype=torch.long, device=signed_radius.device)
+        return none, none
+    row, column = torch.cat(found).unbind(1)
+    return row, column
 
 
 def _at_corners(
@@ -148,31 +177,38 @@ def _at_corners(
         for place, length in zip(at, size, strict=True)
     )
     within = [area_within(aperture, part, across, down).to(r.dtype) for part in parts]
-    return 1 - _weight(r) * (1 - torch.stack(within))
+    return 1 - _weight(r.abs()) * (1 - torch.stack(within))
 
 
-def _weight(r: Tensor) -> Tensor:
-    """How much of what geometry says counts, [...] in [0, 1], for signed radii in px."""
-    t = ((r.abs() - _FROM) / (_TO - _FROM)).clamp(0, 1)
+def _weight(size: Tensor) -> Tensor:
+    """How much of what geometry says counts, [...] in [0, 1], for radii in px."""
+    t = (size - _FROM).div_(_TO - _FROM).clamp(0, 1)
     return t * t * (3 - 2 * t)
 
 
-def _below(aperture: Aperture, part: Part, dim: int, u: Tensor) -> Tensor:
-    """The share of a part whose u.x (dim 1) or u.y (dim 0) lies below some u [...] in [-1, 1]."""
-    table = _shares(aperture, part, dim).to(u)
-    place = (u + 1) * (_STEPS / 2)
+def _past(aperture: Aperture, part: Part, dim: int, u: Tensor) -> Tensor:
+    """The share of a part that is farther out than some u.x (dim 1) or u.y (dim 0) [...].
+
+    That is below it where it is negative, and above it elsewhere.
+    """
+    starts, slopes = _shares(aperture, part, dim).to(u).unbind()
+    place = (u + 1).mul_(_STEPS / 2)
     lower = place.detach().floor().clamp_(max=_STEPS - 1)
     first = lower.int().flatten()
-    start = table.index_select(0, first).view_as(u)
-    slope = table.diff().index_select(0, first).view_as(u)
+    start, slope = (of.index_select(0, first).view_as(u) for of in (starts, slopes))
     return torch.addcmul(start, place - lower, slope)
 
 
 @lru_cache(maxsize=256)
 def _shares(aperture: Aperture, part: Part, dim: int) -> Tensor:
-    """The share of a part below each of `_STEPS` + 1 even u."""
+    """What `_past` is at the lower ends of `_STEPS` even intervals, and its slope in each."""
     with torch.inference_mode(False):  # it is kept for those who want gradients, too
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
         some = torch.stack([torch.full_like(ends, -1), ends], -1)
         whole = torch.tensor([-1.0, 1.0], dtype=torch.float64).expand_as(some)
-        return area_within(aperture, part, *((some, whole) if dim == 1 else (whole, some)))
+        below = area_within(aperture, part, *((some, whole) if dim == 1 else (whole, some)))
+        sign = torch.ones(_STEPS, dtype=torch.float64)
+        sign[_STEPS // 2 :] = -1  # above 0 it is what lies above
+        return torch.stack(
+            [(below[:-1] * sign).where(sign > 0, 1 - below[:-1]), below.diff() * sign]
+        )

@@ -81,25 +81,18 @@ def nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor,
 
 def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
     """The four cells around each pixel, by their distance."""
-    n = len(asked.at)
+    n, ends = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
     place = torch.stack(places(asked.at, fine, level.middle, level.halvings))
     (row, column), (down, across) = _neighbours(place.to(asked.border.dtype), level.size)
     cell = (row[:, None] * level.size[1] + column).flatten()
     share = (down[:, None] * across).flatten()
-    ends = asked.border.repeat(4), asked.ceiling.repeat(4)
-    found, light = _weighed(level.first, cell, ends, share)
-    values, weight = found.reshape(-1, 4, n).sum(1), light.reshape(4, -1).sum(0)
+    values, weight = _weighed(level.first, cell, ends, share)
     if level.second is not None and level.number is not None:
         number = level.number.index_select(0, cell)
-        some = torch.nonzero(number >= 0)[:, 0]
-        if len(some):
-            number, low, high, share = (x.index_select(0, some) for x in (number, *ends, share))
-            found, light = _weighed(level.second, number, (low, high), share)
-            # one after the other: sums of what is added at once hang on its order on a GPU
-            found = found.new_zeros(len(values), 4 * n).index_copy(1, some, found)
-            light = light.new_zeros(4 * n).index_copy(0, some, light)
-            values = values + found.reshape(-1, 4, n).sum(1)
-            weight = weight + light.reshape(4, -1).sum(0)
+        share = share * (number + 1).clamp_(max=1)  # 0 where there is none
+        found, light = _weighed(level.second, number.clamp_(min=0), ends, share)
+        values, weight = values + found, weight + light
+    values, weight = values.reshape(-1, 4, n).sum(1), weight.reshape(4, n).sum(0)
     most = weight.clamp(min=1)
     return values / most, weight / most
 
@@ -108,8 +101,9 @@ def _weighed(
     sheet: Sheet, cell: Tensor, ends: tuple[Tensor, Tensor], share: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Values [K, n] of a cell each times their weights, and these [n]; 0 but between two ends."""
-    weight, least = share * sheet.weight.index_select(0, cell), sheet.least.index_select(0, cell)
-    weight = weight * ((least > ends[0]) & (least < ends[1]))
+    least = sheet.least.index_select(0, cell)
+    between = torch.minimum(least - ends[0], ends[1] - least).gt_(0)
+    weight = share * sheet.weight.index_select(0, cell) * between
     return sheet.values.index_select(1, cell) * weight, weight
 
 
@@ -120,8 +114,8 @@ def _neighbours(place: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
         Both [2, 2, n], of rows and of columns.
     """
     below = place.floor()
-    share, first = place - below, below.long()
-    number = torch.stack([first, first + 1], 1)
-    last = number.new_tensor(size)[:, None, None] - 1
-    shares = torch.stack([1 - share, share], 1) * ((number >= 0) & (number <= last))
-    return torch.minimum(number.clamp_(min=0), last), shares
+    last = below.new_tensor(size)[:, None] - 1
+    share = place - below
+    exists = torch.stack([below + 1, last - below], 1).clamp_(0, 1)
+    number = torch.stack([below, below + 1], 1).clamp_(min=0)
+    return torch.minimum(number, last[:, None]).long(), torch.stack([1 - share, share], 1) * exists

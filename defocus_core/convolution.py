@@ -49,14 +49,16 @@ def kernels(
         extent: Px that the kernels spread at most to each side.
         aperture: The pupil.
         parts: M parts of it.
-        leaning: Kernels times u.x and times u.y, for tilted surfaces.
+        leaning: Whether kernels times u.x and times u.y are wanted, too, for tilted surfaces.
 
     Returns:
-        [K, M, 2 extent + 1, 2 extent + 1]; [K, 2, M, ...] if leaning.
+        [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
     size = 2 * extent + 1
-    found = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)
-    return found[:, None] * _lens_points(radii, extent)[:, :, None] if leaning else found
+    found = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)[:, None]
+    if not leaning:
+        return found
+    return torch.cat([found, found * _lens_points(radii, extent)[:, :, None]], 1)
 
 
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:

@@ -91,14 +91,13 @@ class Filling:
             down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
             self._coarse = (down.axis, across.axis)
         color, radius, mask = hidden
-        coverage = mask[None].to(color.dtype)
-        layer = torch.cat([color * coverage, coverage])
-        index = torch.nonzero(layer[-1].detach().flatten() > 0)[:, 0]
+        index = torch.nonzero(mask.flatten())[:, 0]
         found = position(radius.flatten().index_select(0, index), frame.radii[:: slices.stride])
         places = torch.zeros_like(radius).flatten().index_copy(0, index, found)
         places = places.reshape(radius.shape)
         nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
-        samples = Samples(layer, places, nowhere, layer[:, :0, 0].T, places[0, :0], None, None)
+        nothing, coverage = color.new_zeros(0, len(color) + 1), mask[None].to(color.dtype)
+        samples = Samples(color, coverage, places, nowhere, nothing, places[0, :0], None, None)
         self._tiles = grid.seen_from(inner)
         tiles = self._tiles
         if slices.halvings:

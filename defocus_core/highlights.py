@@ -68,10 +68,10 @@ def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, 
         signed_radius: [H, W] px.
         limit: The `threshold` of the frame.
     """
+    if float(pixels.detach().amax()) <= limit:
+        return pixels, None
     brightness = pixels.detach().amax(0)
     at = torch.nonzero(brightness > limit)
-    if not len(at):
-        return pixels, None
     around = _surroundings(pixels, brightness <= limit, at)
     rows, columns = at.unbind(-1)
     rest = pixels.clone()

@@ -61,12 +61,12 @@ class Unmixed(NamedTuple):
     Attributes:
         color: [C, H, W], not premultiplied by coverage.
         coverage: [1, H, W], the share of each pixel that its own surface covers, if it is the
-            nearer one of two; what is behind shows through the rest.
+            nearer one of two; what is behind shows through the rest. None if all are whole.
         fringe: What nearer surfaces cover of pixels of farther ones.
     """
 
     color: Tensor
-    coverage: Tensor
+    coverage: Tensor | None
     fringe: Fringe
 
 
@@ -100,10 +100,9 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
 
 def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
     """A picture [C, H, W] of radii [H, W] without mixed pixels."""
-    coverage = torch.ones_like(image[:1])
-    nothing = torch.cat([image, coverage])[:, :0, 0].T
+    nothing = image.new_zeros(0, len(image) + 1)
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
-    return Unmixed(image, coverage, Fringe(nowhere, nothing, signed_radius[0, :0]))
+    return Unmixed(image, None, Fringe(nowhere, nothing, signed_radius[0, :0]))
 
 
 class _Side(NamedTuple):

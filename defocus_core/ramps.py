@@ -42,6 +42,16 @@ def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
     return radii.reshape(H, W)
 
 
+def steepest(steps: Tensor, dim: int) -> float:
+    """The greatest `steepness` along an axis that has such steps, if it is positive; else 0."""
+    n = steps.shape[dim] - 1
+    if n < 1:
+        return 0.0
+    first, second = steps.narrow(dim, 0, n), steps.narrow(dim, 1, n)
+    up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
+    return max(0.0, float(up), -float(down))
+
+
 def steepness(signed_radius: Tensor) -> Tensor:
     """The slope of the ramps that pixels [H, W] lie on, px per px; not positive elsewhere.
 

@@ -25,10 +25,13 @@ def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
         level: How many times 16 they are.
     """
     whole = values.dtype.itemsize * 8
-    bits = (values.clamp(min=0) + 0.0).view(torch.int64 if whole == 64 else torch.int32).flatten()
+    positive = values.clamp(min=0).abs_()  # not even -0
+    bits = positive.view(torch.int64 if whole == 64 else torch.int32).flatten()
     if level:
         bits = bits[bits >> (whole - _BITS * level) == prefix]
-    digits = bits >> (whole - _BITS * (level + 1)) & ((1 << _BITS) - 1)
+    digits = bits >> (whole - _BITS * (level + 1))
+    if level:
+        digits &= (1 << _BITS) - 1
     return torch.bincount(digits, minlength=1 << _BITS)
 
 

@@ -134,11 +134,12 @@ class Region:
             parts = frame.parts[frame.groups[-1]]
             color = around.of(own.color)
             shifts = Shifts(color, radius, places, inner, frame.radii, frame.aperture, parts)
-        fringe, coverage = own.fringe, inside.of(own.coverage)
+        fringe = own.fringe
         at = fringe.at - fringe.at.new_tensor([inside.top, inside.left])
         here = (at >= 0).all(1) & (at[:, 0] < inside.height) & (at[:, 1] < inside.width)
         samples = Samples(
-            torch.cat([inside.of(own.color) * coverage, coverage]),
+            inside.of(own.color),
+            None if own.coverage is None else inside.of(own.coverage),
             inner.of(places),
             at[here],
             fringe.layer[here],

@@ -37,24 +37,23 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     Returns:
         None if nothing is left.
     """
-    gradient = torch.stack([_limited(signed_radius, -1), _limited(signed_radius, -2)])
-    square = (gradient * gradient).sum(0)
-    steep = square.detach() > least * least
-    if not bool(steep.any()):
+    x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
+    square = x * x + y * y
+    lowest, highest = (float(end) for end in torch.aminmax(square.detach()))
+    if highest <= least * least:
         return None
-    if least and not bool(steep.all()):
+    steep = square.detach() > least * least
+    some = lowest <= least * least
+    if least and some:
         steep &= _many_around(steep)
         if not bool(steep.any()):
             return None
-    corrected = [
-        _without_edges(x, signed_radius, dim, steep)
-        for x, dim in zip(gradient, (-1, -2), strict=True)
-    ]
-    gradient = torch.stack(corrected)
-    long = square > 1
-    if bool(long.any()):
-        gradient = gradient * torch.where(long, torch.where(long, square, 1.0).rsqrt(), 1.0)
-    return gradient * steep
+    x, y = (_without_edges(of, signed_radius, dim, steep) for of, dim in ((x, -1), (y, -2)))
+    if highest > 1:
+        short = square.clamp(min=1).rsqrt()
+        x, y = x * short, y * short
+    gradient = torch.stack([x, y])
+    return gradient * steep.to(gradient.dtype) if some else gradient
 
 
 def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
@@ -62,8 +61,10 @@ def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
 
     So a plane has the same slope all over.
     """
-    n, step = r.shape[dim], r.diff(dim=dim).detach().abs() > _STEP[0]
-    beside = torch.zeros_like(steep)
+    n, size = r.shape[dim], r.diff(dim=dim).detach().abs()
+    if not size.numel() or float(size.amax()) <= _STEP[0]:
+        return found
+    step, beside = size > _STEP[0], torch.zeros_like(steep)
     for k in (0, 1):
         beside.narrow(dim, k, n - 1).logical_or_(step)
     at = torch.nonzero((beside & steep).flatten()).flatten()

@@ -26,7 +26,8 @@ class Samples(NamedTuple):
     """A layer of the scene as samples with positions on the ladder of slices.
 
     Attributes:
-        layer: [C + 1, H, W], premultiplied, the last channel coverage.
+        color: [C, H, W].
+        coverage: [1, H, W], the share of each pixel that is there; None if all are whole.
         places: [H, W] positions.
         at: [n, 2] rows and columns of further samples.
         extra: [n, C + 1] further samples: parts of nearer surfaces in the same pixels.
@@ -35,7 +36,8 @@ class Samples(NamedTuple):
         shifts: What parts of the aperture add to colours near focus; None if that is not wanted.
     """
 
-    layer: Tensor
+    color: Tensor
+    coverage: Tensor | None
     places: Tensor
     at: Tensor
     extra: Tensor
@@ -73,22 +75,20 @@ class Surface:
         """
         H, W = samples.places.shape
         first, last = grid.tiles[0], grid.tiles[-1]
-        self._tiles, self._layers = grid.tiles, layers
-        self._framed_box = Box(
-            first.top - before,
-            first.left - before,
-            last.top - first.top + before + beyond,
-            last.left - first.left + before + beyond,
-        )
-        exists = samples.layer[-1].detach() > 0
-        count = len(reaches)
-        blocks = blocks_of(samples.places, count, None if bool(exists.all()) else exists)
+        self._tiles, self._layers, self._own = grid.tiles, layers, Box(0, 0, H, W)
+        top, left = min(first.top - before, 0), min(first.left - before, 0)
+        below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
+        self._framed_box = Box(top, left, below - top, beside - left)
+        count, exists = len(reaches), None
+        if samples.coverage is not None and not bool(samples.coverage.detach().gt(0).all()):
+            exists = samples.coverage.detach()[0] > 0
+        blocks = blocks_of(samples.places, count, exists)
         extra = None
         if len(samples.at):
             extra = blocks_at(samples.extra_places, samples.at, count, (H, W))
             blocks |= extra
         self.plan = visible_slices(blocks, reaches, grid.tiles)
-        self._samples, self._blocks = samples, blocks.cpu()
+        self._blocks = blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._slopes, self._planes = None, None
         if samples.slopes is not None:
@@ -97,11 +97,15 @@ class Surface:
             )
             tilted = blocks & planes.tilted.to(blocks.device)
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
-            self._slopes = self._framed(samples.slopes)
+            self._slopes = self._framed([samples.slopes])
             if not samples.slopes.requires_grad:
                 self._planes = planes
-        self._layer = self._framed(samples.layer)
-        self._places = self._framed(samples.places)
+        color, self._coverage = samples.color, samples.coverage
+        if self._coverage is None:
+            self._layer = self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, H, W)])
+        else:
+            self._layer = self._framed([color * self._coverage, self._coverage])
+        self._places, self._shifts = self._framed([samples.places[None]])[0], samples.shifts
         self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
         self._extra = None
         if len(samples.at):
@@ -110,26 +114,30 @@ class Surface:
     @cached_property
     def _extents(self) -> _Extents:
         """Where its slices are: only what is blurred at reduced resolution asks."""
-        return _Extents(self._blocks, self._samples.places.shape)
+        return _Extents(self._blocks, self._own[2:])
 
-    def _framed(self, values: Tensor) -> Tensor:
-        """Values [..., H, W] in a frame of zeros in which every window lies."""
-        box = self._framed_box
-        framed = values.new_zeros(*values.shape[:-2], *box[2:])
-        some = box.grown(0, Box(0, 0, *values.shape[-2:]))
-        if some.height > 0 and some.width > 0:
-            some.seen_from(box).of(framed).copy_(some.of(values))
+    def _framed(self, some: list[Tensor]) -> Tensor:
+        """Channels [..., H, W], one after another, in a frame of zeros that holds every window."""
+        count, box = sum(len(values) for values in some), self._framed_box
+        framed = some[0].new_zeros(count, *box[2:])
+        inner, first = self._own.seen_from(box).of(framed), 0
+        for values in some:
+            inner[first : first + len(values)].copy_(values)
+            first += len(values)
         return framed
+
+    def _unframed(self, box: Box, values: Tensor) -> Tensor:
+        """What a rectangle, counted from the first sample, holds of values [..., h, w]."""
+        return box.seen_from(self._framed_box).of(values)
 
     def patches(self, margins: dict[int, int]) -> list[list[Patch | None]]:
         """What each tile sees of some layers, by the numbers of which they spread over a margin."""
-        height, width = self._samples.places.shape
         blocks = [
             self._blocks[[rung for rung, other in enumerate(self._layers) if other == number]]
             for number in margins
         ]
         some = torch.stack([each.any(0) for each in blocks])
-        return patches(some, self._tiles, list(margins.values()), (height, width))
+        return patches(some, self._tiles, list(margins.values()), self._own[2:])
 
     def members(self, rungs: range, window: Box, lit: Box) -> Tensor:
         """Slices of one layer within a window, [C + 1, k, height, width].
@@ -155,19 +163,21 @@ class Surface:
 
     def shares(self, rungs: range, box: Box) -> Tensor:
         """What of each pixel [h, w] is in some slices."""
-        places = box.of(self._samples.places)
+        places = self._unframed(box, self._places)
         return membership(places, self._ladder[rungs.start : rungs.stop]).sum(0)
 
     def shifts(self, index: int) -> Tensor | None:
         """What parts of the aperture add to colours of a tile, [M, C, h, w]; None if nothing."""
-        tile, shifts = self._tiles[index], self._samples.shifts
-        found = shifts.over(tile) if shifts else None
-        return None if found is None else found * tile.of(self._samples.layer[-1:])
+        tile = self._tiles[index]
+        found = self._shifts.over(tile) if self._shifts else None
+        if found is None or self._coverage is None:
+            return found
+        return found * tile.of(self._coverage)
 
     def slopes(self, window: Box) -> Tensor:
         """[2, height, width] within a window around a tile that has tilted slices."""
         assert self._slopes is not None
-        return window.seen_from(self._framed_box).of(self._slopes)
+        return self._unframed(window, self._slopes)
 
     def planes(self, rungs: list[int], box: Box) -> list[tuple[float, float] | None]:
         """The slopes of slices within a rectangle; None for one that has a gradient or several.
@@ -199,14 +209,14 @@ class Surface:
             middle: Of the frame, counted from the first sample.
             tilted: Whether it has slopes.
         """
-        layer, places, slopes = self._samples.layer, self._samples.places, self._samples.slopes
-        kinds = 3 if tilted and slopes is not None else 1
-        result = layer.new_zeros(kinds, len(layer), *cells[2:])
+        kinds = 3 if tilted and self._slopes is not None else 1
+        result = self._layer.new_zeros(kinds, len(self._layer), *cells[2:])
         for some in self._bands(rung, 1 << halvings, middle):
-            share = (some.of(places) - rung).abs_().neg_().add_(1).clamp_(min=0)
-            pixels = (some.of(layer) * share)[None]
-            if tilted and slopes is not None:
-                pixels = torch.cat([pixels, pixels * some.of(slopes)[:, None]])
+            share = (self._unframed(some, self._places) - rung).abs_().neg_().add_(1).clamp_(min=0)
+            pixels = (self._unframed(some, self._layer) * share)[None]
+            if tilted and self._slopes is not None:
+                lean = self._unframed(some, self._slopes)
+                pixels = torch.cat([pixels, pixels * lean[:, None]])
             down, across = (
                 Axis(axis.middle - start, axis.odd)
                 for axis, start in zip(middle, some[:2], strict=True)
@@ -223,7 +233,7 @@ class Surface:
 
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that together hold a slice once: rows some steps from the middle."""
-        size = self._samples.places.shape
+        size = self._own[2:]
         bounds = self._extents.box([rung])
         rows = max(step, _AREA // max(bounds.width, 1) // _BAND * _BAND, _BAND)
         frame, whole = Box(0, 0, *size), _aligned(bounds, rows, middle)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from defocus_core.antialiased import EVERY, averaged_from, averages
 from defocus_core.mending import Mending
-from defocus_core.ramps import STEEP, steepness
+from defocus_core.ramps import STEEP, steepest, steepness
 from defocus_core.ranks import Ranks, counted
 from defocus_core.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
 from defocus_core.source import Pixels, banded, bands, spread
@@ -26,7 +26,7 @@ _EDGES = 0.25
 _RARE = 16
 # Every how many rows and columns a pixel is looked at where some will do, and every how many rows
 # from either end of the frame.
-_SOME, _SOME_ROWS = 3, 6
+_SOME, _SOME_ROWS = 3, 12
 
 
 class _Depth(NamedTuple):
@@ -164,17 +164,16 @@ def _depth_of(
     around = signed_radius[rows[0] - above : rows[1] + 2].detach().to(dtype)
     below = around[above : above + rows[1] + 1 - rows[0]]
     r = below[: rows[1] - rows[0]]
-    steps = [
-        step.abs().amax() if step.numel() else r.new_zeros(())
-        for step in (below.diff(dim=0), r.diff(dim=1))
-    ]
-    ends = torch.stack([*torch.aminmax(r), *steps])
+    steps = [around.diff(dim=dim) for dim in (0, 1)]
+    most = [max(abs(float(end)) for end in torch.aminmax(s)) if s.numel() else 0.0 for s in steps]
+    ends = torch.stack([*torch.aminmax(r), *r.new_tensor(most)])
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
-    if float(torch.maximum(*steps)) > LEAST:
-        slope = steepness(around)
-        softest = softness(slope)[above : above + len(r)].amax()
-        ramps = (slope[above : above + len(r)] > STEEP).sum()
+    if max(most) > LEAST:
+        if max(steepest(step, dim) for dim, step in enumerate(steps)) > LEAST:
+            slope = steepness(around)
+            softest = softness(slope)[above : above + len(r)].amax()
+            ramps = (slope[above : above + len(r)] > STEEP).sum()
         averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
     some = spread(H, _SOME_ROWS, *rows)
     levels = levels_of(r[some], below[1:][[i for i in some if i + 1 < len(below)]])

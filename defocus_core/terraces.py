@@ -53,10 +53,11 @@ def levels_of(rows: Tensor, below: Tensor) -> Levels:
     steps = []
     for step in (rows.diff(dim=1), below - rows[: len(below)]):
         size = step.abs_()
-        same = int((size == 0).sum())
+        same = size.numel() - int(torch.count_nonzero(size))
         if size.numel() and same <= _ALIKE * size.numel():
             return Levels([], None)
-        steps.append([size.numel(), same, *(int((size <= most).sum()) for most in (_LEAST, _MOST))])
+        few = (int(torch.count_nonzero(size <= most)) for most in (_LEAST, _MOST))
+        steps.append([size.numel(), same, *few])
     radii: Tensor = torch.unique(rows[:, spread(rows.shape[1], _EVERY)])
     return Levels(steps, radii[: _MANY + 1])
 

@@ -7,6 +7,7 @@ within its own radius of the tile.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -209,8 +210,21 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
 
 def block_ends(values: Tensor, side: int = BLOCK) -> tuple[Tensor, Tensor]:
     """The least and the greatest [..., rows, columns] of values [..., H, W] in square blocks."""
-    blocks = in_blocks(values, side)
-    return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
+    least, most = values, values
+    for dim in (-2, -1):
+        least, most = _picked(least, side, dim, torch.amin), _picked(most, side, dim, torch.amax)
+    return least, most
+
+
+def _picked(values: Tensor, side: int, dim: int, pick: Callable[..., Tensor]) -> Tensor:
+    """What is picked of each so many values along an axis; of the last ones there may be fewer."""
+    n = values.shape[dim]
+    whole = n - n % side
+    blocks = torch.unflatten(values.narrow(dim, 0, whole), dim, (n // side, side))
+    found = pick(blocks, dim)
+    if whole == n:
+        return found
+    return torch.cat([found, pick(values.narrow(dim, whole, n - whole), dim, keepdim=True)], dim)
 
 
 def in_blocks(values: Tensor, side: int) -> Tensor:

@@ -47,7 +47,7 @@ class Window:
         aperture: The pupil.
         parts: M parts of it.
         like: Of the dtype and device of the spectra.
-        kernels: Those that were asked for, by number and whether they lean.
+        kernels: Of those that were asked for, from `kernels`, by number.
         spectra: Of these, by number, size, and whether they lean.
         planes: Of those tilted for planes, by number, size, and slope: the last few.
     """
@@ -60,7 +60,7 @@ class Window:
     aperture: Aperture
     parts: list[Part]
     like: Tensor
-    kernels: dict[tuple[int, bool], Tensor]
+    kernels: dict[int, Tensor]
     spectra: dict[tuple[int, tuple[int, int], bool], Tensor]
     planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]]
 
@@ -77,8 +77,7 @@ class Window:
         held = self.planes.setdefault((number, size), {})
         found = held.get(slope)
         if found is None:
-            x, y = self._kernel(number, leaning=True)
-            kernel = self._kernel(number, leaning=False)
+            kernel, x, y = self._kernels(number, leaning=True)
             kernel = kernel.add(x, alpha=slope[0]).add_(y, alpha=slope[1])
             found = kernel_spectra(kernel, size).unsqueeze(-3)
             if len(held) >= _PLANES:
@@ -101,18 +100,19 @@ class Window:
     def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
         key = (number, size, leaning)
         if key not in self.spectra:
-            kernel = self._kernel(number, leaning=leaning)
+            some = self._kernels(number, leaning=leaning)
+            kernel = some[1:] if leaning else some[0]
             self.spectra[key] = kernel_spectra(kernel, size).unsqueeze(-3)
         return self.spectra[key]
 
-    def _kernel(self, number: int, *, leaning: bool) -> Tensor:
-        """One by one: what is computed together could decide about last digits."""
-        key = (number, leaning)
-        if key not in self.kernels:
+    def _kernels(self, number: int, *, leaning: bool) -> Tensor:
+        """One slice alone: what is computed together could decide about last digits."""
+        found = self.kernels.get(number)
+        if found is None or (leaning and len(found) == 1):
             radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
-            found = kernels(radius, self.margin, self.aperture, self.parts, leaning=leaning)
-            self.kernels[key] = found[0].to(self.like.real)
-        return self.kernels[key]
+            some = kernels(radius, self.margin, self.aperture, self.parts, leaning=leaning)
+            found = self.kernels[number] = some[0].to(self.like.real)
+        return found
 
 
 def windows(

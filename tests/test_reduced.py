@@ -39,15 +39,15 @@ def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], halvings: 
     """Wherever it lies in the frame, and with what nearer surfaces have in the same pixels."""
     H, W = size
     generator = torch.Generator().manual_seed(halvings)
-    layer = torch.rand(4, H, W, generator=generator, dtype=torch.float64)
+    color, coverage = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
     places = torch.full(size, 2.0, dtype=torch.float64)
     places[5:17, 9:30] = 0.25
     at = torch.tensor([[6, 8], [6, 8], [0, W - 1], [H - 1, 0]])
     extra = torch.rand(4, 4, generator=generator, dtype=torch.float64)
     extra_places = torch.tensor([0.0, 0.75, 0.5, 2.0], dtype=torch.float64)
-    samples = Samples(layer, places, at, extra, extra_places, None, None)
+    samples = Samples(color, coverage, places, at, extra, extra_places, None, None)
     surface = Surface(samples, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
-    whole = layer * (1 - places).clamp(min=0)
+    whole = torch.cat([color * coverage, coverage]) * (1 - places).clamp(min=0)
     for (y, x), values, share in zip(at.tolist(), extra, (1.0, 0.25, 0.5, 0.0), strict=True):
         whole[:, y, x] += values * share
     middle = axes(size)
