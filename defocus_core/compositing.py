@@ -118,7 +118,7 @@ def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
     """
     if seen.requires_grad or not seen.is_cpu:
         return False
-    return bool((full - seen[:, -1:]).amax() <= _FULL * torch.finfo(seen.dtype).eps)
+    return float((full - seen[:, -1:]).amax()) <= _FULL * torch.finfo(seen.dtype).eps
 
 
 def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:

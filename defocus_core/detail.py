@@ -38,8 +38,9 @@ _LEAST = 0.05
 
 def left_of_detail(signed_radius: Tensor) -> Tensor:
     """The share of detail that a disc leaves, of radii [...] px: 1 in focus."""
-    beyond = (signed_radius.square() - SHARP**2).clamp(min=0)
-    return (1 - beyond / NONE**2).clamp(min=0).square().square()
+    whole = signed_radius.new_tensor(1 + SHARP**2 / NONE**2)
+    left = torch.addcmul(whole, signed_radius, signed_radius, value=-1 / NONE**2)
+    return left.clamp(0, 1).square().square()
 
 
 def share_left(signed_radius: Tensor) -> Tensor:
@@ -76,12 +77,12 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     if _is_as_it_was(shown, given):
         return given.pixels.expand(len(images), *given.pixels.shape)
     found = doubled(images, part)[..., :height, :width]
-    if not bool(given.share.any()):
+    if not float(given.share.amax()) > 0:
         return found
     own = doubled(given.cells, part)[..., :height, :width]
     # what is hidden shows there, too, and has no detail
     shown = torch.minimum(shown, given.share)
-    visible = smooth(torch.cat([given.share[None], shown])[None], part)[0, :, :height, :width]
+    visible = smooth(torch.cat([given.share[None], shown])[:, None], part)[:, 0, :height, :width]
     seen = visible[1:] / visible[:1].clamp(min=_LEAST)
     pixels, r, blurred = given.pixels, given.signed_radius, found[0]
     detail = pixels - own

@@ -76,9 +76,9 @@ class Region:
             axes(frame.size, inner.top, inner.left),
         )
 
-        pixels, signed_radius = (
-            outer.of(x).to(frame.dtype).contiguous() for x in (pixels, signed_radius)
-        )
+        pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
+        if frame.edges:  # pixels beside them are looked up by their numbers
+            pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         pixels, highlights = split(pixels, signed_radius, frame.limit)
         self._in_frame: list[Tensor] | None = None  # what parts of the aperture see of it
         if not self._is_inside(core):

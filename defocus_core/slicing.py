@@ -22,6 +22,8 @@ SHARP, SOFT = 0.15, 0.25
 # Radii in px below which each slice occludes for itself.
 ALONE = 2.0
 _PX = "radii are in px, negative nearer than focus"
+# Cells of a table that is looked into, at most.
+_CELLS = 1 << 14
 
 
 def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
@@ -116,17 +118,37 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
     pieces = _pieces(radii)
-    lower, ends, a, b, c = (
+    lower, a, b, c = (
         torch.tensor(column, dtype=torch.float64).to(signed_radius.device, signed_radius.dtype)
-        for column in zip(*((p.rung, p.end, p.a, p.b, p.c) for p in pieces), strict=True)
+        for column in zip(*((p.rung, p.a, p.b, p.c) for p in pieces), strict=True)
     )
     r = signed_radius.flatten()
-    piece = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
+    piece = _between(r.detach(), [p.end for p in pieces[:-1]])
     share = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
     if any(p.b for p in pieces):
         share = share.addcmul(b.index_select(0, piece), r)
     places = lower.index_select(0, piece) + share.clamp(0, 1)
     return places.reshape(signed_radius.shape)
+
+
+def _between(values: Tensor, ends: list[float]) -> Tensor:
+    """Between which of some ascending ends values [n] are: how many of these do not exceed them.
+
+    Cells narrower than the space between two ends hold one at most, so that a look into a table and
+    a comparison will do: faster than a search, and as fast where neighbours are not alike.
+    """
+    limits = torch.tensor(ends, dtype=torch.float64, device="cpu").to(values.dtype)
+    width = 0.99 * min((b - a for a, b in pairwise(limits.tolist())), default=0.0)
+    if not (width and ends[-1] - ends[0] < _CELLS * width):
+        return torch.bucketize(values, limits.to(values.device), right=True, out_int32=True)
+    first, count = float(limits[0]) - width, 2 + int((ends[-1] - ends[0] + width) / width)
+    starts = first + width * torch.arange(count, device="cpu").to(limits)
+    before = torch.bucketize(starts, limits, right=True)
+    following = torch.cat([limits, limits.new_full((1,), math.inf)])[before]
+    passed, following = before.to(values), following.to(values.device)
+    cell = (values - first).mul_(1 / width).clamp_(0, count - 1).int()
+    more = following.index_select(0, cell).le_(values)
+    return passed.index_select(0, cell).add_(more).int()
 
 
 class _Piece(NamedTuple):

@@ -54,6 +54,26 @@ def test_shares_have_no_step() -> None:
         assert found.diff().max() < 1e-3
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("reach", [0.1, 5.0, 200.0, 1e6])
+def test_a_pixel_stands_between_the_rungs_beside_it(reach: float, dtype: torch.dtype) -> None:
+    """On a rung and next to it, too; on long ladders as on short ones, and with equal rungs."""
+    generator = torch.Generator().manual_seed(3)
+    some = (torch.rand(4000, generator=generator, dtype=dtype) * 1.7 - 1) * reach
+    for ladder in (
+        rungs(-reach, 0.7 * reach, find("standard")),
+        evenly(-reach, 0.7 * reach, 7),
+        evenly(reach, reach, 3),
+    ):
+        rung = torch.tensor(ladder, dtype=torch.float64).to(dtype)
+        beside = [torch.nextafter(rung, rung + way) for way in (-1, 1)]
+        r = torch.cat([some, rung, *beside]).clamp(rung[0], rung[-1])
+        at = position(r, ladder)
+        low, high = rung[at.floor().long()], rung[at.ceil().long()]
+        slack = 4 * torch.finfo(dtype).eps * rung.abs().amax()
+        assert ((low - slack <= r) & (r <= high + slack) | (r.abs() <= SHARP)).all()
+
+
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_the_ladder_stands_where_it_stands(quality: str) -> None:
     """A range only chooses which rungs are there, focus among them, mirrored about it."""
