@@ -42,7 +42,7 @@ def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Ten
     Returns:
         [M, 1, h, w].
     """
-    left, coverage = (full - seen[:, -1:]).clamp_(min=0), layer[:, -1:]
+    left, coverage = full - seen[:, -1:], layer[:, -1:]
     some = torch.minimum(left, coverage * _SOME).clamp_(min=0)
     share = some / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
