@@ -22,8 +22,8 @@ SHARP, SOFT = 0.15, 0.25
 # Radii in px below which each slice occludes for itself.
 ALONE = 2.0
 _PX = "radii are in px, negative nearer than focus"
-# Cells of a table that is looked into, at most.
-_CELLS = 1 << 14
+# Cells of a table that is looked into, at most; and by how much of one rounding may be off.
+_CELLS, _BESIDE = 1 << 14, 0.004
 
 
 def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
@@ -138,12 +138,14 @@ def _between(values: Tensor, ends: list[float]) -> Tensor:
     a comparison will do: faster than a search, and as fast where neighbours are not alike.
     """
     limits = torch.tensor(ends, dtype=torch.float64, device="cpu").to(values.dtype)
-    width = 0.99 * min((b - a for a, b in pairwise(limits.tolist())), default=0.0)
+    exact = limits.double()
+    width = 0.99 * min((b - a for a, b in pairwise(exact.tolist())), default=0.0)
     if not (width and ends[-1] - ends[0] < _CELLS * width):
         return torch.bucketize(values, limits.to(values.device), right=True, out_int32=True)
-    first, count = float(limits[0]) - width, 2 + int((ends[-1] - ends[0] + width) / width)
-    starts = first + width * torch.arange(count, device="cpu").to(limits)
-    before = torch.bucketize(starts, limits, right=True)
+    first, count = float(exact[0]) - width, 2 + int((ends[-1] - ends[0] + width) / width)
+    # by rounding a value may be in the cell beside its own
+    starts = first + width * (torch.arange(count, dtype=exact.dtype, device="cpu") - _BESIDE)
+    before = torch.bucketize(starts, exact, right=True)
     following = torch.cat([limits, limits.new_full((1,), math.inf)])[before]
     passed, following = before.to(values), following.to(values.device)
     cell = (values - first).mul_(1 / width).clamp_(0, count - 1).int()
