@@ -77,7 +77,7 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     if _is_as_it_was(shown, given):
         return given.pixels.expand(len(images), *given.pixels.shape)
     found = doubled(images, part)[..., :height, :width]
-    if not float(given.share.amax()) > 0:
+    if not float(given.share.detach().amax()) > 0:
         return found
     own = doubled(given.cells, part)[..., :height, :width]
     # what is hidden shows there, too, and has no detail

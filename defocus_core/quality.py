@@ -17,6 +17,8 @@ class Quality:
         far_spacing: The same as a share of the radius, where that is more.
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
+        unmixes: Whether pixels that hold parts of two surfaces are taken apart: hardly any do in
+            cells that get their detail back.
         further: Greatest blur of what is invented behind something invented, as a multiple of the
             blur of that; 0 for nothing. What is sharper shows most.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
@@ -33,6 +35,7 @@ class Quality:
     near_spacing: float
     far_spacing: float
     layer_ratio: float
+    unmixes: bool
     further: float
     hidden_stride: int
     hidden_halvings: int
@@ -57,6 +60,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=1.5,
         far_spacing=0.2,
         layer_ratio=2.0,
+        unmixes=False,
         further=1.013,
         hidden_stride=2,
         hidden_halvings=1,
@@ -69,6 +73,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=0.75,
         far_spacing=0.12,
         layer_ratio=1.6,
+        unmixes=True,
         further=1.013,
         hidden_stride=2,
         hidden_halvings=1,
@@ -81,6 +86,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=0.75,
         far_spacing=0.06,
         layer_ratio=4 / 3,
+        unmixes=True,
         further=math.inf,
         hidden_stride=1,
         hidden_halvings=0,
@@ -93,6 +99,7 @@ QUALITY: dict[str, Quality] = {
         near_spacing=0.75,
         far_spacing=0.04,
         layer_ratio=1.2,
+        unmixes=True,
         further=math.inf,
         hidden_stride=1,
         hidden_halvings=0,

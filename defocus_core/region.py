@@ -89,7 +89,8 @@ class Region:
                 )
                 for group in frame.groups
             ]
-        own = (unmixed if frame.edges else whole)(pixels, signed_radius)
+        unmixes = frame.edges and frame.quality.unmixes
+        own = (unmixed if unmixes else whole)(pixels, signed_radius)
         places = position(signed_radius, frame.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         # nothing is invented where something is known
