@@ -75,23 +75,27 @@ def patches(
         margins: Px that each layer spreads.
         size: (height, width) of the layers in px.
     """
-    whole = Box(0, 0, *size)
-    near = [[tile.grown(margin, whole).sides for tile in tiles] for margin in margins]
-    ends = torch.tensor(
-        [
-            [[(span.first // BLOCK, -(-span.end // BLOCK)) for span in sides] for sides in of_tiles]
-            for of_tiles in near
-        ]
-    ).clamp(min=0)
-    down, across = ends.unbind(2)  # [L, n, 2]
+    whole, near = Box(0, 0, *size), torch.tensor(margins)[:, None]
+    places = torch.tensor(tiles)
+    down, across = (
+        _blocks(places[:, d] - near, places[:, d] + places[:, d + 2] + near, size[d])
+        for d in (0, 1)
+    )
     extents = _extents(some, down, across), _extents(some.mT, across, down)
     return [
         [
             patch_of(_in_px(held, whole), tile.sides, margin)
+            if all(first < end for first, end in held)
+            else None
             for tile, held in zip(tiles, zip(*of_tiles, strict=True), strict=True)
         ]
         for margin, of_tiles in zip(margins, zip(*extents, strict=True), strict=True)
     ]
+
+
+def _blocks(first: Tensor, end: Tensor, length: int) -> Tensor:
+    """The first blocks that hold some px along an axis, and those after the last: [L, n, 2]."""
+    return torch.stack([first.clamp(min=0), end.clamp(0, length) + (BLOCK - 1)], 2) // BLOCK
 
 
 def _in_px(held: Sequence[list[int]], whole: Box) -> tuple[Span, Span]:
