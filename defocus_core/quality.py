@@ -17,8 +17,8 @@ class Quality:
         far_spacing: The same as a share of the radius, where that is more.
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
-        unmixes: Whether pixels that hold parts of two surfaces are taken apart: hardly any do in
-            cells that get their detail back.
+        unmixes: Whether pixels that hold parts of two surfaces are taken apart; cells that get
+            their detail back gain nothing by it.
         further: Greatest blur of what is invented behind something invented, as a multiple of the
             blur of that; 0 for nothing. What is sharper shows most.
         hidden_stride: Hidden content uses every slice (1) or every other (2).

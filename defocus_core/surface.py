@@ -212,7 +212,7 @@ class Surface:
         kinds = 3 if tilted and self._slopes is not None else 1
         result = self._layer.new_zeros(kinds, len(self._layer), *cells[2:])
         for some in self._bands(rung, 1 << halvings, middle):
-            share = (self._unframed(some, self._places) - rung).abs_().neg_().add_(1).clamp_(min=0)
+            share = membership(self._unframed(some, self._places), self._ladder[rung : rung + 1])
             pixels = (self._unframed(some, self._layer) * share)[None]
             if tilted and self._slopes is not None:
                 lean = self._unframed(some, self._slopes)
