@@ -11,7 +11,7 @@ import math
 import torch
 from torch import Tensor
 
-from defocus_core.tiling import BLOCK, Box, block_ends, in_blocks
+from defocus_core.tiling import BLOCK, Box, block_ends, of_blocks
 
 # Slopes that differ by less are the same: pictures change by less than 2e-6 for that.
 _SAME = 1.5e-5
@@ -60,10 +60,7 @@ class Planes:
         """Whether all pixels of slices in some blocks have the slopes of these: [K, n]."""
         row, column = torch.nonzero(mixed.to(places.device)).unbind(1)
         own = self._own.T.to(slopes)
-        lean, at = (
-            in_blocks(values, side).movedim(-3, -2)[..., row, column, :, :]
-            for values in (slopes, places)
-        )
+        lean, at = (of_blocks(values, row, column, side) for values in (slopes, places))
         number = torch.arange(len(row), device=at.device)[:, None, None].expand_as(at)
         fits = torch.ones(len(self._own) * len(row), dtype=torch.bool, device=at.device)
         for rung in (at.floor().long(), at.ceil().long()):

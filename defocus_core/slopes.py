@@ -61,10 +61,10 @@ def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
 
     So a plane has the same slope all over.
     """
-    n, size = r.shape[dim], r.diff(dim=dim).detach().abs()
-    if not size.numel() or float(size.amax()) <= _STEP[0]:
+    n, step = r.shape[dim], r.diff(dim=dim).detach()
+    if not step.numel() or max(abs(float(end)) for end in torch.aminmax(step)) <= _STEP[0]:
         return found
-    step, beside = size > _STEP[0], torch.zeros_like(steep)
+    step, beside = step.abs() > _STEP[0], torch.zeros_like(steep)
     for k in (0, 1):
         beside.narrow(dim, k, n - 1).logical_or_(step)
     at = torch.nonzero((beside & steep).flatten()).flatten()

@@ -119,10 +119,16 @@ class Surface:
     def _framed(self, some: list[Tensor]) -> Tensor:
         """Channels [..., H, W], one after another, in a frame of zeros that holds every window."""
         count, box = sum(len(values) for values in some), self._framed_box
-        framed = some[0].new_zeros(count, *box[2:])
-        inner, first = self._own.seen_from(box).of(framed), 0
+        framed = some[0].new_empty(count, *box[2:])
+        here = self._own.seen_from(box)
+        down, across = here.sides
+        for beside in (framed[:, : down.first], framed[:, down.end :]):
+            beside.zero_()
+        rows, first = framed[:, down.first : down.end], 0
+        for beside in (rows[..., : across.first], rows[..., across.end :]):
+            beside.zero_()
         for values in some:
-            inner[first : first + len(values)].copy_(values)
+            here.of(framed)[first : first + len(values)].copy_(values)
             first += len(values)
         return framed
 

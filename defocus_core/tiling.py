@@ -21,7 +21,7 @@ TILE = 192
 # Px on a side of the blocks in which the presence of slices is recorded.
 BLOCK = 16
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
-_REGION = 640
+_REGION = 1152
 # Margins of light from outside may enlarge a region by so much on each side, as a share of it.
 _MARGIN = 0.15
 # Blocks that are counted at once: bounds memory.
@@ -193,15 +193,15 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
     if present is not None:
         at = torch.nonzero(present)
         return blocks_at(places[at[:, 0], at[:, 1]], at, slices, (places.shape[0], places.shape[1]))
-    least, most = block_ends(places)
-    first, last = least.floor().long(), most.ceil().long()
-    found = torch.zeros((*least.shape, slices), dtype=torch.bool, device=places.device)
-    for rung in (first, last):
+    ends = block_ends(places)
+    found = torch.zeros((*ends[0].shape, slices), dtype=torch.bool, device=places.device)
+    (first, above), (below, last) = ((end.floor().long(), end.ceil().long()) for end in ends)
+    for rung in (first, above, below, last):
         found.scatter_(2, rung[..., None], True)
-    # of more than two slices, which of those in between?
-    row, column = torch.nonzero(last - first > 1).unbind(1)
+    # of those in between, which?
+    row, column = torch.nonzero(below - above > 1).unbind(1)
     if len(row):
-        cells = in_blocks(places, BLOCK).movedim(-3, -2)[row, column].flatten(1)
+        cells = of_blocks(places, row, column, BLOCK).flatten(1)
         some = torch.zeros((len(row), slices), dtype=torch.bool, device=places.device)
         some.scatter_(1, cells.floor().long(), True).scatter_(1, cells.ceil().long(), True)
         found[row, column] = some
@@ -227,15 +227,14 @@ def _picked(values: Tensor, side: int, dim: int, pick: Callable[..., Tensor]) ->
     return torch.cat([found, pick(values.narrow(dim, whole, n - whole), dim, keepdim=True)], dim)
 
 
-def in_blocks(values: Tensor, side: int) -> Tensor:
-    """Values [..., H, W] as [..., rows, side, columns, side]; the last ones are repeated."""
-    *others, H, W = values.shape
-    down, across = -H % side, -W % side
-    if down or across:
-        values = torch.nn.functional.pad(
-            values.reshape(1, -1, H, W), (0, across, 0, down), mode="replicate"
-        )
-    return values.reshape(*others, (H + down) // side, side, (W + across) // side, side)
+def of_blocks(values: Tensor, row: Tensor, column: Tensor, side: int) -> Tensor:
+    """Values [..., n, side, side] in some blocks [n] of [..., H, W]; the last ones are repeated."""
+    inner = torch.arange(side, device=values.device)
+    y, x = (
+        (side * number[:, None] + inner).clamp_(max=size - 1)
+        for number, size in zip((row, column), values.shape[-2:], strict=True)
+    )
+    return values[..., y[:, :, None], x[:, None]]
 
 
 def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
