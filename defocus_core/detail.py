@@ -74,16 +74,19 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
         part: As for `doubled`.
     """
     height, width = given.signed_radius.shape
-    if _is_as_it_was(shown, given):
-        return given.pixels.expand(len(images), *given.pixels.shape)
-    found = doubled(images, part)[..., :height, :width]
     if not float(given.share.detach().amax()) > 0:
-        return found
-    own = doubled(given.cells, part)[..., :height, :width]
-    # what is hidden shows there, too, and has no detail
-    shown = torch.minimum(shown, given.share)
-    visible = smooth(torch.cat([given.share[None], shown])[:, None], part)[:, 0, :height, :width]
-    seen = visible[1:] / visible[:1].clamp(min=_LEAST)
+        return doubled(images, part)[..., :height, :width]
+    in_view = _is_in_view(shown, given)
+    if in_view and _is_in_focus(given):
+        return given.pixels.expand(len(images), *given.pixels.shape)
+    both = doubled(torch.cat([images, given.cells[None]]), part)[..., :height, :width]
+    found, own = both[:-1], both[-1]
+    seen = shown.new_ones(len(images), 1, 1)
+    if not in_view:  # what is hidden shows there, too, and has no detail
+        shown = torch.minimum(shown, given.share)
+        visible = smooth(torch.cat([given.share[None], shown])[:, None], part)
+        visible = visible[:, 0, :height, :width]
+        seen = visible[1:] / visible[:1].clamp(min=_LEAST)
     pixels, r, blurred = given.pixels, given.signed_radius, found[0]
     detail = pixels - own
     left = (left_of_detail(r) * seen)[:, None]
@@ -103,12 +106,17 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     return torch.cat([whole[None], whole + halves])
 
 
-def _is_as_it_was(shown: Tensor, given: Given) -> bool:
-    """Whether all is in focus and in full view; a copy has no slope in the radius."""
-    r = given.signed_radius
-    if r.requires_grad or float(r.abs().amax()) > SHARP:
+def _is_in_view(shown: Tensor, given: Given) -> bool:
+    """Whether nothing stands before what has detail; that has no slope in what is shown."""
+    if shown.requires_grad or given.share.requires_grad:
         return False
-    return bool((shown >= (1 - _ROUNDING) * given.share).all())
+    return float(torch.sub(shown, given.share, alpha=1 - _ROUNDING).amin()) >= 0
+
+
+def _is_in_focus(given: Given) -> bool:
+    """Whether all is in focus; a copy has no slope in the radius."""
+    r = given.signed_radius
+    return not r.requires_grad and float(r.abs().amax()) <= SHARP
 
 
 def doubled(cells: Tensor, part: Box) -> Tensor:
@@ -171,6 +179,9 @@ def _ends(cells: Tensor) -> tuple[Tensor, Tensor]:
 
 def smooth(cells: Tensor, part: Box) -> Tensor:
     """Px [N, C, 2 h, 2 w] of a part of cells [N, C, ...], never beyond those beside them."""
+    least, most = (float(end) for end in torch.aminmax(cells.detach()))
+    if least == most and not cells.requires_grad:
+        return cells[..., :1, :1].expand(*cells.shape[:2], 2 * part.height, 2 * part.width)
     px = interpolate(cells, scale_factor=2, mode="bilinear", align_corners=False)
     return Box(*(2 * n for n in part)).of(px)
 

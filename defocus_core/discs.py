@@ -210,8 +210,9 @@ class _Canvas:
 
     def summed(self, dtype: torch.dtype) -> Tensor:
         """The pictures [M, C, height, width], part by part: nothing is left of the canvas."""
-        found = []
+        found, parts = [], len(self._changes)
         while self._changes:
-            sums = [channel.view(self._size).cumsum(-1) for channel in self._changes.pop(0)]
-            found.append(torch.stack([each[:-1, :-1].to(dtype) for each in sums]))
-        return torch.stack(found)
+            for channel in self._changes.pop(0):
+                sums = channel.view(self._size).cumsum(-1)
+                found.append(sums[:-1, :-1].to(dtype))
+        return torch.stack(found).unflatten(0, (parts, -1))

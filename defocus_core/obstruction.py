@@ -219,8 +219,12 @@ class Obstruction:
 
     def _covered(self, spot: Tensor, rung: int, limit: Tensor) -> Tensor:
         """What a slice covers of some pixels, of surfaces nearer than a limit."""
-        near = self._signed_radius.flatten()[spot] < limit  # not its own
-        return near * (1 - (self._places.flatten()[spot] - rung).abs()).clamp(min=0)
+        radius, places = (
+            values.flatten().index_select(0, spot.flatten()).view(spot.shape)
+            for values in (self._signed_radius, self._places)
+        )
+        share = places.sub_(rung).abs_().neg_().add_(1).clamp_(min=0)
+        return share.mul_(radius.sub_(limit).lt_(0))  # not its own
 
 
 def _lens_points(like: Tensor) -> Tensor:
