@@ -55,7 +55,11 @@ def averages(
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
     """
     r = signed_radius.detach()
-    return _along(r[rows], infinity) + _along(r[:, columns].mT.contiguous(), infinity)
+    across, down = (
+        r.index_select(dim, torch.tensor(some, device=r.device))
+        for dim, some in enumerate((rows, columns))
+    )
+    return _along(across, infinity) + _along(down.mT.contiguous(), infinity)
 
 
 def averaged_from(found: Tensor, infinity: float | None, soft: int) -> float | None:

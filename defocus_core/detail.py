@@ -32,7 +32,7 @@ _STILL = (2 * SHARP, 2 * SOFT)
 AROUND = 2
 # What rounding leaves of a share that is shown whole.
 _ROUNDING = 1e-5
-# Least share of a cell that can be told to be in focus.
+# Shares of a cell below which it is hardly told how much of them is in view.
 _LEAST = 0.05
 
 
@@ -86,7 +86,7 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
         shown = torch.minimum(shown, given.share)
         visible = smooth(torch.cat([given.share[None], shown])[:, None], part)
         visible = visible[:, 0, :height, :width]
-        seen = visible[1:] / visible[:1].clamp(min=_LEAST)
+        seen = 1 - (visible[:1] - visible[1:]) / visible[:1].clamp(min=_LEAST)
     pixels, r, blurred = given.pixels, given.signed_radius, found[0]
     detail = pixels - own
     left = (left_of_detail(r) * seen)[:, None]

@@ -83,12 +83,11 @@ def means(values: Tensor) -> Tensor:
 
 def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     """Radii in px of the surfaces of cells [h, w], of px [2 h, 2 w] and [C, 2 h, 2 w]."""
-    corners = _corners(signed_radius)
-    least, most = corners[0].detach(), corners[0].detach()
-    for corner in corners[1:]:
-        least, most = torch.minimum(least, corner.detach()), torch.maximum(most, corner.detach())
-    y, x = torch.nonzero(most - least > _STEEP).unbind(1)
-    some = torch.stack([corner[y, x] for corner in corners])
+    least, most = (
+        _picked(signed_radius.detach(), pick) for pick in (torch.minimum, torch.maximum)
+    )
+    y, x = torch.nonzero(most.sub_(least) > _STEEP).unbind(1)
+    some = torch.stack([corner[y, x] for corner in _corners(signed_radius)])
     light = torch.stack([corner[:, y, x].amax(0) for corner in _corners(pixels.detach())])
     brightest = light.amax(0)
     lone = brightest > _BRIGHTER * (light.sum(0) - brightest)
@@ -126,6 +125,12 @@ def _of_most(radii: Tensor, share: Tensor) -> Tensor:
     larger = torch.where(2 * near.sum(0) >= share.sum(0), near, share - near)
     chosen = torch.where(most - least > _STEEP, larger, share)
     return (radii * chosen).sum(0) / chosen.sum(0).clamp(min=1)
+
+
+def _picked(px: Tensor, pick: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    """What is picked of the four px [2 h, 2 w] of each cell: rows first, for they lie together."""
+    rows = pick(px[::2], px[1::2])
+    return pick(rows[:, ::2], rows[:, 1::2])
 
 
 def _corners(px: Tensor) -> list[Tensor]:

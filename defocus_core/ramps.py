@@ -42,14 +42,16 @@ def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
     return radii.reshape(H, W)
 
 
-def steepest(steps: Tensor, dim: int) -> float:
-    """The greatest `steepness` along an axis that has such steps, if it is positive; else 0."""
+def are_steeper(steps: Tensor, dim: int, slope: float) -> bool:
+    """Whether `steepness` along an axis that has such steps exceeds a positive slope anywhere."""
     n = steps.shape[dim] - 1
     if n < 1:
-        return 0.0
+        return False
     first, second = steps.narrow(dim, 0, n), steps.narrow(dim, 1, n)
+    if float((first * second).amax()) <= slope * slope:  # so one of both is no steeper
+        return False
     up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
-    return max(0.0, float(up), -float(down))
+    return max(float(up), -float(down)) > slope
 
 
 def steepness(signed_radius: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from defocus_core.antialiased import EVERY, averaged_from, averages
 from defocus_core.mending import Mending
-from defocus_core.ramps import STEEP, steepest, steepness
+from defocus_core.ramps import STEEP, are_steeper, steepness
 from defocus_core.ranks import Ranks, counted
 from defocus_core.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
 from defocus_core.source import Pixels, banded, bands, spread
@@ -170,7 +170,7 @@ def _depth_of(
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
     if max(most) > LEAST:
-        if max(steepest(step, dim) for dim, step in enumerate(steps)) > LEAST:
+        if any(are_steeper(step, dim, LEAST) for dim, step in enumerate(steps)):
             slope = steepness(around)
             softest = softness(slope)[above : above + len(r)].amax()
             ramps = (slope[above : above + len(r)] > STEEP).sum()

@@ -101,6 +101,15 @@ def test_detail_is_added_as_far_as_it_is_left_and_shown(r: float, shown: float) 
     assert torch.allclose(found, own + share * (pixels - own), atol=2e-3)
 
 
+@pytest.mark.parametrize("r", [0.5, 2.0, 2.4])
+def test_what_is_all_but_in_full_view_looks_as_if_it_were(r: float) -> None:
+    """Tiles are told apart by that: where one ends and the other begins there is no seam."""
+    (pixels, (whole,)), (_, (nearly,)) = at(r, 1.0), at(r, 1 - 2e-5)
+    assert torch.allclose(nearly, whole, atol=1e-5)
+    left = float(left_of_detail(torch.tensor(r)))
+    assert float((whole - pixels_of(means(pixels))).abs().amax()) > 0.1 * left
+
+
 def test_beyond_reach_of_focus_cells_alone_are_shown() -> None:
     pixels, (found,) = at(3.0, 1.0)
     assert torch.equal(found, pixels_of(means(pixels)))
