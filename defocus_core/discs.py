@@ -215,4 +215,5 @@ class _Canvas:
             for channel in self._changes.pop(0):
                 sums = channel.view(self._size).cumsum(-1)
                 found.append(sums[:-1, :-1].to(dtype))
-        return torch.stack(found).unflatten(0, (parts, -1))
+        pictures = torch.stack(found)
+        return pictures.view(parts, -1, *pictures.shape[1:])

@@ -83,9 +83,7 @@ def means(values: Tensor) -> Tensor:
 
 def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     """Radii in px of the surfaces of cells [h, w], of px [2 h, 2 w] and [C, 2 h, 2 w]."""
-    least, most = (
-        _picked(signed_radius.detach(), pick) for pick in (torch.minimum, torch.maximum)
-    )
+    least, most = (_picked(signed_radius.detach(), pick) for pick in (torch.minimum, torch.maximum))
     y, x = torch.nonzero(most.sub_(least) > _STEEP).unbind(1)
     some = torch.stack([corner[y, x] for corner in _corners(signed_radius)])
     light = torch.stack([corner[:, y, x].amax(0) for corner in _corners(pixels.detach())])

@@ -38,7 +38,7 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
         None if nothing is left.
     """
     x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
-    square = x * x + y * y
+    square = torch.addcmul(x * x, y, y)
     lowest, highest = (float(end) for end in torch.aminmax(square.detach()))
     if highest <= least * least:
         return None
@@ -130,7 +130,7 @@ def _limited(r: Tensor, dim: int) -> Tensor:
 
 
 def _weights(steps: Tensor) -> Tensor:
-    return steps * steps + _SMALL**2
+    return torch.addcmul(steps.new_tensor(_SMALL**2), steps, steps)
 
 
 def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:

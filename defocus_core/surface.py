@@ -90,14 +90,13 @@ class Surface:
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._blocks = blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
-        self._slopes, self._planes = None, None
+        self._lean, self._planes = samples.slopes, None
         if samples.slopes is not None:
             planes = Planes(
                 samples.slopes.detach(), samples.places.detach(), self._blocks, level=extra
             )
             tilted = blocks & planes.tilted.to(blocks.device)
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
-            self._slopes = self._framed([samples.slopes])
             if not samples.slopes.requires_grad:
                 self._planes = planes
         color, self._coverage = samples.color, samples.coverage
@@ -110,6 +109,11 @@ class Surface:
         self._extra = None
         if len(samples.at):
             self._extra = Points(samples.at, samples.extra, samples.extra_places, layers, H)
+
+    @cached_property
+    def _slopes(self) -> Tensor | None:
+        """Those of samples in the frame of zeros: only slices that are no planes ask."""
+        return None if self._lean is None else self._framed([self._lean])
 
     @cached_property
     def _extents(self) -> _Extents:

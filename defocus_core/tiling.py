@@ -163,22 +163,29 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list
         reaches: Px that each slice spreads.
         tiles: The tiles.
     """
-    rows, columns = blocks.shape[1:]
-    top, left, height, width = (torch.tensor(x)[:, None] for x in zip(*tiles, strict=True))
-    reach = torch.tensor(reaches)[None]  # [1, K]
-    y0 = ((top - reach).clamp(min=0) // BLOCK).clamp(max=rows)
-    x0 = ((left - reach).clamp(min=0) // BLOCK).clamp(max=columns)
-    y1 = ((top + height + reach + BLOCK - 1) // BLOCK).clamp(max=rows)
-    x1 = ((left + width + reach + BLOCK - 1) // BLOCK).clamp(max=columns)
     found = []
-    for some in torch.split(torch.arange(len(reaches)), max(1, _COUNTED // (rows * columns))):
-        chosen = blocks[some[0] : some[-1] + 1].to(torch.int32).cpu()
-        count = torch.nn.functional.pad(chosen, (1, 0, 1, 0)).cumsum(1).cumsum(2)
-        k = (some - some[0])[None]
-        first, start, last, end = (corner[:, some] for corner in (y0, x0, y1, x1))
-        inside = count[k, last, end] - count[k, first, end] - count[k, last, start]
-        found.append(inside + count[k, first, start] > 0)
-    return [torch.nonzero(row)[:, 0].tolist() for row in torch.cat(found, 1)]
+    down, across = ([tile.sides[d] for tile in tiles] for d in (0, 1))
+    rows, columns = list(dict.fromkeys(down)), list(dict.fromkeys(across))
+    for some in torch.split(torch.arange(len(reaches)), max(1, _COUNTED // blocks[0].numel())):
+        held = blocks[some[0] : some[-1] + 1].float().cpu()
+        reach = torch.tensor(reaches)[some, None]
+        near = _reached(rows, reach, held.shape[1]), _reached(columns, reach, held.shape[2])
+        found.append(near[0] @ held @ near[1].mT > 0)  # [K, rows, columns] of tiles
+    seen = torch.cat(found).permute(1, 2, 0)
+    return [
+        torch.nonzero(seen[rows.index(y), columns.index(x)])[:, 0].tolist()
+        for y, x in zip(down, across, strict=True)
+    ]
+
+
+def _reached(sides: list[Span], reach: Tensor, count: int) -> Tensor:
+    """Which blocks, of so many along an axis, are within reach [K, 1] px of sides: [K, n, count]."""
+    first, end = (
+        torch.tensor([getattr(side, name) for side in sides]) for name in ("first", "end")
+    )
+    start, stop = (first - reach) // BLOCK, -((-end - reach) // BLOCK)
+    block = torch.arange(count)
+    return ((block >= start[..., None]) & (block < stop[..., None])).float()
 
 
 def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
