@@ -179,7 +179,7 @@ def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list
 
 
 def _reached(sides: list[Span], reach: Tensor, count: int) -> Tensor:
-    """Which blocks, of so many along an axis, are within reach [K, 1] px of sides: [K, n, count]."""
+    """Which blocks of so many along an axis are within reach [K, 1] px of sides: [K, n, count]."""
     first, end = (
         torch.tensor([getattr(side, name) for side in sides]) for name in ("first", "end")
     )
