@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture, Part, kernel
 from defocus_core.tiling import Box
+
+# Kernels that are kept for further frames: more than the slices of a picture are.
+_KEPT = 256
 
 
 def reach(radius: float, limit: int) -> int:
@@ -55,10 +59,22 @@ def kernels(
         [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
     size = 2 * extent + 1
-    found = torch.stack([kernel(radii, size, aperture, part) for part in parts], 1)[:, None]
+    found = torch.stack(
+        [
+            torch.stack([_kernel(radius, size, aperture, part) for part in parts])[None]
+            for radius in radii.tolist()
+        ]
+    )
     if not leaning:
         return found
     return torch.cat([found, found * _lens_points(radii, extent)[:, :, None]], 1)
+
+
+@lru_cache(maxsize=_KEPT)
+def _kernel(radius: float, size: int, aperture: Aperture, part: Part) -> Tensor:
+    """A kernel [size, size]; the slices of other frames have the same radii."""
+    with torch.inference_mode(False):  # it is kept for those who want gradients, too
+        return kernel(torch.tensor(radius, dtype=torch.float64, device="cpu"), size, aperture, part)
 
 
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
