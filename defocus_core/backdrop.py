@@ -14,6 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.ends import ends_of
 from defocus_core.halving import Axis, axes, halves
 from defocus_core.reach import Reach, edges_in_cells, grain_of, reach_of
 from defocus_core.sheets import Level, coarser, pixels_of, stacked
@@ -71,7 +72,7 @@ def backdrop(
     device = signed_radius.device
     dtype = dtype or pixels.dtype
     if ends is None:
-        of_bands = torch.stack([torch.stack(torch.aminmax(b)) for b in banded(signed_radius)])
+        of_bands = torch.stack([ends_of(b) for b in banded(signed_radius)])
         ends = (float(of_bands.amin()), float(of_bands.amax()))
     least, most = ends
     grain = grain_of(least, most)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import torch
-
+from defocus_core.ends import ends_of
 from defocus_core.frame import Frame
 from defocus_core.source import Pixels
 from defocus_core.tiling import Box, Grid
@@ -44,7 +43,7 @@ def _in_focus(frame: Frame, grid: Grid, signed_radius: Pixels) -> bool:
         return False
     seen = grid.box.grown(frame.margin, frame.box).of(signed_radius)
     for some in (seen[::_SAMPLED, ::_SAMPLED], seen):
-        least, most = torch.aminmax(some)
+        least, most = ends_of(some)
         if bool((least < -frame.sharp) | (most > frame.sharp)):
             return False
     return True

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
+from defocus_core.ends import ends_of
 from defocus_core.half_size import means
 from defocus_core.slicing import SHARP, SOFT
 from defocus_core.tiling import Box
@@ -179,7 +180,7 @@ def _ends(cells: Tensor) -> tuple[Tensor, Tensor]:
 
 def smooth(cells: Tensor, part: Box) -> Tensor:
     """Px [N, C, 2 h, 2 w] of a part of cells [N, C, ...], never beyond those beside them."""
-    least, most = (float(end) for end in torch.aminmax(cells.detach()))
+    least, most = ends_of(cells.detach()).tolist()
     if least == most and not cells.requires_grad:
         return cells[..., :1, :1].expand(*cells.shape[:2], 2 * part.height, 2 * part.width)
     px = interpolate(cells, scale_factor=2, mode="bilinear", align_corners=False)

@@ -11,6 +11,7 @@ import torch
 
 from defocus_core.aperture import Aperture
 from defocus_core.assembly import Finished, finished
+from defocus_core.ends import ends_of
 from defocus_core.enlarging import Enlarging
 from defocus_core.frame import frame_of
 from defocus_core.guards import described, flag, number, whole
@@ -149,5 +150,5 @@ def _finite(infinity: float | None) -> float | None:
 
 def _is_blurred(signed_radius: Pixels) -> bool:
     """Whether anything is out of focus."""
-    ends = (torch.aminmax(band) for band in banded(signed_radius))
-    return any(not (float(least) >= -SHARP and float(most) <= SHARP) for least, most in ends)
+    ends = (ends_of(band).tolist() for band in banded(signed_radius))
+    return any(not (least >= -SHARP and most <= SHARP) for least, most in ends)

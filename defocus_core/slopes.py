@@ -12,6 +12,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.ends import ends_of
+
 # Differences in px that are less and less of the same surface.
 _STEP = (1.013, 3.0)
 # Slopes in px per px that may be a plain mean.
@@ -39,7 +41,7 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     """
     x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
     square = torch.addcmul(x * x, y, y)
-    lowest, highest = (float(end) for end in torch.aminmax(square.detach()))
+    lowest, highest = ends_of(square.detach()).tolist()
     if highest <= least * least:
         return None
     steep = square.detach() > least * least
@@ -62,7 +64,7 @@ def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
     So a plane has the same slope all over.
     """
     n, step = r.shape[dim], r.diff(dim=dim).detach()
-    if not step.numel() or max(abs(float(end)) for end in torch.aminmax(step)) <= _STEP[0]:
+    if not step.numel() or float(ends_of(step).abs().amax()) <= _STEP[0]:
         return found
     step, beside = step.abs() > _STEP[0], torch.zeros_like(steep)
     for k in (0, 1):

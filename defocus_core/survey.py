@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.antialiased import EVERY, averaged_from, averages
+from defocus_core.ends import ends_of
 from defocus_core.mending import Mending
 from defocus_core.ramps import STEEP, are_steeper, steepness
 from defocus_core.ranks import Ranks, counted
@@ -101,7 +102,7 @@ def survey(
         few = _few(brightness, rows[0])
         counts = [counted(brightness), counted(few), (few <= 0).sum()]
         depth = _depth_of(signed_radius, rows, dtype, infinity)
-        return depth, torch.stack(torch.aminmax(some)), counts
+        return depth, torch.stack([some.amin(), brightness.amax()]), counts
 
     told: list[_Depth] = []
     values: list[Tensor] = []
@@ -165,8 +166,8 @@ def _depth_of(
     below = around[above : above + rows[1] + 1 - rows[0]]
     r = below[: rows[1] - rows[0]]
     steps = [around.diff(dim=dim) for dim in (0, 1)]
-    most = [max(abs(float(end)) for end in torch.aminmax(s)) if s.numel() else 0.0 for s in steps]
-    ends = torch.stack([*torch.aminmax(r), *r.new_tensor(most)])
+    most = [float(ends_of(s).abs().amax()) if s.numel() else 0.0 for s in steps]
+    ends = torch.cat([ends_of(r), r.new_tensor(most)])
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
     if max(most) > LEAST:

@@ -53,6 +53,7 @@ LAYERS = [
     {
         "aperture",
         "derived",
+        "ends",
         "neighbours",
         "halving",
         "metrics",
