@@ -58,23 +58,21 @@ def kernels(
     Returns:
         [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
-    size = 2 * extent + 1
-    found = torch.stack(
+    return torch.stack(
         [
-            torch.stack([_kernel(radius, size, aperture, part) for part in parts])[None]
+            torch.stack([_kernel(radius, extent, aperture, part, leaning) for part in parts], 1)
             for radius in radii.tolist()
         ]
     )
-    if not leaning:
-        return found
-    return torch.cat([found, found * _lens_points(radii, extent)[:, :, None]], 1)
 
 
 @lru_cache(maxsize=_KEPT)
-def _kernel(radius: float, size: int, aperture: Aperture, part: Part) -> Tensor:
-    """A kernel [size, size]; the slices of other frames have the same radii."""
+def _kernel(radius: float, extent: int, aperture: Aperture, part: Part, leaning: bool) -> Tensor:
+    """One of them, [1 or 3, S, S]; the slices of other frames have the same radii."""
     with torch.inference_mode(False):  # it is kept for those who want gradients, too
-        return kernel(torch.tensor(radius, dtype=torch.float64, device="cpu"), size, aperture, part)
+        r = torch.tensor(radius, dtype=torch.float64, device="cpu")
+        found = kernel(r, 2 * extent + 1, aperture, part)[None]
+        return torch.cat([found, found * _lens_points(r, extent)]) if leaning else found
 
 
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
@@ -90,16 +88,16 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
     return spectra
 
 
-def _lens_points(radii: Tensor, extent: int) -> Tensor:
-    """The lens point u that blurs to each pixel: [K, 2, S, S], x then y.
+def _lens_points(radius: Tensor, extent: int) -> Tensor:
+    """The lens point u that blurs to each pixel: [2, S, S], x then y.
 
     u is offset / r; the mean of u² over a round pupil is 1/4, for which kernels sampled by area,
     1/12 px² wider, are made up. It is at most 1 long: a tilted kernel is never negative.
     """
-    offset = torch.arange(-extent, extent + 1, dtype=radii.dtype)
-    x = (offset * (radii / (radii * radii + 1 / 3))[:, None, None]).expand(-1, len(offset), -1)
-    u = torch.stack([x, x.mT], 1)
-    return u / (u * u).sum(1, keepdim=True).sqrt().clamp(min=1)
+    offset = torch.arange(-extent, extent + 1, dtype=radius.dtype)
+    x = (offset * (radius / (radius * radius + 1 / 3))).expand(len(offset), -1)
+    u = torch.stack([x, x.mT])
+    return u / (u * u).sum(0).sqrt().clamp(min=1)
 
 
 def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:

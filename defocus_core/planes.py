@@ -47,14 +47,16 @@ class Planes:
         self.tilted: Tensor = ((self._lowest < 0) | (self._highest > 0)).any(0)
         self._alone: Tensor | None = None
         everywhere = (list(range(len(blocks))), slice(None), slice(None))
-        self._own = self._common(blocks & ~mixed.cpu(), *everywhere)
+        some_mixed = bool(mixed.any())
+        self._own = self._common(blocks & ~mixed.cpu() if some_mixed else blocks, *everywhere)
         mixed = mixed.cpu() & blocks[self._own.abs().sum(1) > 0].any(0)  # of what has a slope
         if bool(mixed.any()):
             self._alone = torch.zeros_like(blocks)
             self._alone[:, mixed] = self._fitting(slopes, places, mixed, side).cpu()
             if level is not None:
                 self._alone &= ~level.cpu()
-        self._everywhere = self._within(*everywhere)
+        of_all = self._common(blocks, *everywhere) if some_mixed else self._own
+        self._everywhere = _told(of_all)
 
     def _fitting(self, slopes: Tensor, places: Tensor, mixed: Tensor, side: int) -> Tensor:
         """Whether all pixels of slices in some blocks have the slopes of these: [K, n]."""
@@ -78,17 +80,11 @@ class Planes:
         if any(self._everywhere[number] is None for number in numbers):
             top, left = max(box.top // BLOCK, 0), max(box.left // BLOCK, 0)
             below, beside = -(-(box.top + box.height) // BLOCK), -(-(box.left + box.width) // BLOCK)
-            found = self._within(numbers, slice(top, below), slice(left, beside))
+            rows, columns = slice(top, below), slice(left, beside)
+            found = _told(self._common(self._blocks, numbers, rows, columns))
         else:
             found = [None] * len(numbers)
         return [self._everywhere[number] or one for number, one in zip(numbers, found, strict=True)]
-
-    def _within(
-        self, numbers: list[int], rows: slice, columns: slice
-    ) -> list[tuple[float, float] | None]:
-        """The same in some rows and columns of blocks."""
-        found = self._common(self._blocks, numbers, rows, columns)
-        return [None if math.isnan(x) else (x, y) for x, y in found.tolist()]
 
     def _common(self, blocks: Tensor, numbers: list[int], rows: slice, columns: slice) -> Tensor:
         """The slopes [n, 2] of slices in some blocks [K, rows, columns], NaN for several."""
@@ -105,3 +101,8 @@ class Planes:
         high = torch.where(some, highest, -torch.inf).flatten(2).amax(2)
         same = (high - low <= _SAME).all(1, keepdim=True) & (low < torch.inf)  # it is there
         return torch.where(same, (low + high) / 2, torch.nan)
+
+
+def _told(slopes: Tensor) -> list[tuple[float, float] | None]:
+    """Slopes [n, 2] of slices, None for those of several."""
+    return [None if math.isnan(x) else (x, y) for x, y in slopes.tolist()]

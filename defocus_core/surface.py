@@ -267,14 +267,16 @@ class _Extents:
 
     def box(self, rungs: list[int], top: int = 0, below: int | None = None) -> Box:
         """The rectangle that holds all blocks of some slices, of all rows or between two rows."""
-        rows = range(top // BLOCK, -(-(self._size[0] if below is None else below) // BLOCK))
-        held = [row for row in rows if any(self._end[rung][row] for rung in rungs)]
+        rows = slice(top // BLOCK, -(-(self._size[0] if below is None else below) // BLOCK))
+        ends = [
+            max(of_row) for of_row in zip(*(self._end[rung][rows] for rung in rungs), strict=True)
+        ]
+        held = [row for row, end in enumerate(ends, rows.start) if end]
         if not held:
             return Box(0, 0, 0, 0)
-        left = min(self._first[rung][row] for rung in rungs for row in held)
-        beside = max(self._end[rung][row] for rung in rungs for row in held)
-        ends = (held[0], left, held[-1] + 1 - held[0], beside - left)
-        return Box(*(BLOCK * n for n in ends)).grown(0, Box(0, 0, *self._size))
+        left, beside = min(min(self._first[rung][rows]) for rung in rungs), max(ends)
+        sides = (held[0], left, held[-1] + 1 - held[0], beside - left)
+        return Box(*(BLOCK * n for n in sides)).grown(0, Box(0, 0, *self._size))
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
