@@ -16,6 +16,7 @@ from defocus_core.known import Behind
 from defocus_core.recomputed import recomputed, unrecorded
 from defocus_core.region import Region
 from defocus_core.source import Pixels
+from defocus_core.spans import Span
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box, Grid, regions
 
@@ -76,26 +77,41 @@ def finished(
         part = grid if wanted else blurred_part(frame, grid, given)
         if not part:
             told(len(grid.tiles))
-            return Finished(
-                grid.box, *_copied(frame, grid.box, pixels), counts_of_copies(frame, grid.tiles)
-            )
-        tiles = dict.fromkeys(grid.tiles)
+            counts = counts_of_copies(frame, grid.box.area, len(grid.tiles))
+            return Finished(grid.box, *_copied(frame, grid.box, pixels), counts)
+        tiles: list[tuple[Tensor, Tensor]] = []
         with unrecorded():
             region = Region(frame, part, pixels, signed_radius, hidden, beyond)
-            done = threaded(recomputed(region.tile), range(len(part.tiles)), threads // at_once)
-            for tile, found in zip(part.tiles, done, strict=True):
-                tiles[tile] = found
+            numbers = range(len(part.tiles))
+            for tile in threaded(recomputed(region.tile), numbers, threads // at_once):
+                tiles.append(tile)
                 told(1)
-        rest = [tile for tile, found in tiles.items() if found is None]
-        told(len(rest))
-        shown = [found or _copied(frame, tile, pixels) for tile, found in tiles.items()]
-        of_rows = [shown[i : i + grid.columns] for i in range(0, len(shown), grid.columns)]
-        images, trust = (joined([[t[kind] for t in row] for row in of_rows]) for kind in (0, 1))
-        return Finished(
-            grid.box, images, trust, added(region.counts(), counts_of_copies(frame, rest))
-        )
+        rest = len(grid.tiles) - len(part.tiles)
+        told(rest)
+        rows = [tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)]
+        made = joined([[tile[0] for tile in row] for row in rows])
+        trust = joined([[tile[1] for tile in row] for row in rows])
+        counts = counts_of_copies(frame, grid.box.area - part.box.area, rest)
+        found = _among_copies(frame, grid.box, part.box, (made, trust), pixels)
+        return Finished(grid.box, *found, added(region.counts(), counts))
 
     return threaded(recomputed(computed), grids, at_once)
+
+
+def _among_copies(
+    frame: Frame, whole: Box, part: Box, made: tuple[Tensor, Tensor], pixels: Pixels
+) -> tuple[Tensor, Tensor]:
+    """Images and trust of a rectangle of which a part was made, and the rest is as it was."""
+    if part == whole:
+        return made
+    down, across = (
+        [Span(side.first, inner.first), inner, Span(inner.end, side.end)]
+        for side, inner in zip(whole.sides, part.sides, strict=True)
+    )
+    boxes = [[Box.over(y, x) for x in across if x.length] for y in down if y.length]
+    found = [[made if box == part else _copied(frame, box, pixels) for box in row] for row in boxes]
+    images, trust = (joined([[one[kind] for one in row] for row in found]) for kind in (0, 1))
+    return images, trust
 
 
 def _copied(frame: Frame, box: Box, pixels: Pixels) -> tuple[Tensor, Tensor]:

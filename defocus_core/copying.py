@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from defocus_core.ends import ends_of
-from defocus_core.frame import Frame
+import torch
+from torch import Tensor
+
+from defocus_core.frame import NEIGHBOURHOOD, Frame
 from defocus_core.source import Pixels
-from defocus_core.tiling import Box, Grid
+from defocus_core.spans import Span
+from defocus_core.tiling import BLOCK, Box, Grid
 
 # Every so many rows and columns are looked at first: most of what is out of focus shows there.
 _SAMPLED = 8
 
 
 def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None:
-    """The rectangle of tiles of a region that holds all that must be computed.
-
-    The rows and columns of tiles around it see nothing that is out of focus.
+    """What must be computed of a region: its tiles, cut to what light out of focus reaches.
 
     Args:
         frame: What holds for the whole picture.
@@ -22,41 +23,69 @@ def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None
         signed_radius: [H, W] px of the frame.
 
     Returns:
-        None if the whole region is in focus.
+        None if nothing must.
     """
-    if _in_focus(frame, grid, signed_radius):
-        return None
-    for beside in (False, True):
-        for last in (False, True):
-            while (count := grid.columns if beside else len(grid.tiles) // grid.columns) > 1:
-                parts = grid.divided(count - 1 if last else 1, beside=beside)
-                strip, rest = parts[::-1] if last else parts
-                if not _in_focus(frame, strip, signed_radius):
-                    break
-                grid = rest
-    return grid
-
-
-def _in_focus(frame: Frame, grid: Grid, signed_radius: Pixels) -> bool:
-    """Whether all that some tiles could see of a frame is in focus."""
     if frame.sharp is None:
-        return False
-    seen = grid.box.grown(frame.margin, frame.box).of(signed_radius)
-    for some in (seen[::_SAMPLED, ::_SAMPLED], seen):
-        least, most = ends_of(some)
-        if bool((least < -frame.sharp) | (most > frame.sharp)):
-            return False
-    return True
+        return grid
+    seen = grid.box.grown(frame.margin, frame.box)
+    radii = seen.of(signed_radius).detach()
+    part = None
+    for every in (_SAMPLED, 1):
+        box = _reached(frame, seen, radii[::every, ::every], every)
+        part = grid.within(box) if box else None
+        if part and part.box == grid.box:
+            break
+    return part
 
 
-def counts_of_copies(frame: Frame, tiles: list[Box]) -> dict[str, int]:
-    """What was computed of tiles that were copied, as `Region.counts` tells it."""
-    pixels = sum(tile.area for tile in tiles)
+def _reached(frame: Frame, seen: Box, radii: Tensor, every: int) -> Box | None:
+    """A rectangle of blocks beyond which all is as it was; None if that is so everywhere.
+
+    Args:
+        frame: What holds for the whole picture.
+        seen: A part of it.
+        radii: [h, w] px of that, of every so many rows and columns.
+        every: How many.
+    """
+    assert frame.sharp is not None
+    sides = []
+    for dim, side in ((1, seen.sides[0]), (0, seen.sides[1])):
+        least, most = radii.amin(dim), radii.amax(dim)
+        at = torch.nonzero((least < -frame.sharp) | (most > frame.sharp))[:, 0]
+        if not len(at):
+            return None
+        reach = _reach(frame, least.index_select(0, at), most.index_select(0, at))
+        at = every * at + side.first
+        first, last = int((at - reach).amin()), int((at + reach).amax())
+        sides.append(Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK))
+    return Box.over(*sides)
+
+
+def _reach(frame: Frame, least: Tensor, most: Tensor) -> Tensor | int:
+    """How many px away pixels of radii between two ends [n] px can be told from those in focus."""
+    if frame.edges:  # and what edges reveal
+        return frame.margin
+    ladder = torch.tensor(frame.radii, dtype=torch.float64, device=least.device)
+    spread = torch.tensor(frame.reaches, device=least.device)
+    nearest = torch.searchsorted(ladder, least.double(), right=True) - 1
+    farthest = torch.searchsorted(ladder, most.double())
+    ends = (end.clamp(0, len(ladder) - 1) for end in (nearest, farthest))
+    return NEIGHBOURHOOD + torch.maximum(*(spread.index_select(0, end) for end in ends))
+
+
+def counts_of_copies(frame: Frame, pixels: int, tiles: int) -> dict[str, int]:
+    """What was computed of so many pixels that were copied, as `Region.counts` tells it.
+
+    Args:
+        frame: They are of.
+        pixels: How many.
+        tiles: How many tiles hold nothing else.
+    """
     return {
         "pixels": pixels,
         "pixels_copied": pixels,
-        "tiles": len(tiles),
-        "slice_tiles": 2 * len(frame.windows) * len(tiles),
+        "tiles": tiles,
+        "slice_tiles": 2 * len(frame.windows) * tiles,
         "slice_tiles_done": 0,
         "slice_tiles_blurred": 0,
         "slice_tiles_reduced": 0,

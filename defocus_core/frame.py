@@ -25,7 +25,7 @@ from defocus_core.windows import Spread, Window, alike, spreads_of, windows
 # Brightness over the median, and by itself, beyond which float32 is not enough.
 _RANGE, _SQUARED = 1e3, 1e15
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
-_NEIGHBOURHOOD = 24
+NEIGHBOURHOOD = 24
 
 
 class FillSlices(NamedTuple):
@@ -169,7 +169,7 @@ def frame_of(
         invented = of_coarse
     farthest = max([*reaches, *(invented if edges else ())])
     farthest += farthest % 2
-    margin = _NEIGHBOURHOOD + farthest
+    margin = NEIGHBOURHOOD + farthest
     if edges:
         margin += px_around(quality.hidden_layers)
     if seen.brightest > limit:

@@ -123,11 +123,11 @@ def plan(
         infinity=infinity,
     )
     frame, image, signed_radius = picture.frame, picture.image, picture.signed_radius
-    scene = Presence(frame, signed_radius)
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = [blurred_part(frame, grid, signed_radius) for grid in every]
     grids = [part for part in parts if part]
-    work = Workload(frame)
+    tiles = [tile for grid in grids for tile in grid.tiles]
+    scene, work = Presence(frame, signed_radius, tiles), Workload(frame, tiles)
     for grid in grids:
         work.add(grid, [scene.visible, *scene.hidden])
     (H, W), channels = frame.size, image.shape[0]
@@ -174,16 +174,14 @@ def plan(
         "tile": 4 * work.widest * samples,
         "cells": _bytes_of_cells(picture, every, channels * (3 if left_right else 1) + 1),
     }
-    blurred = {tile for grid in grids for tile in grid.tiles}
     hidden = scene.hidden[0].plan if scene.hidden else []
-    with_hidden = {tile for tile, some in zip(frame.grid.tiles, hidden, strict=False) if some}
     return Plan(
         slices=len(frame.radii),
         tiles=len(frame.grid.tiles),
         regions=len(every),
         slice_tiles=2 * len(frame.radii) * len(frame.grid.tiles),
         slice_tiles_done=work.done,
-        tiles_with_hidden=len(with_hidden & blurred),
+        tiles_with_hidden=sum(1 for some in hidden if some),
         of_frame=_all(of_frame),
         of_regions=_all(of_regions),
         of_tiles=_all({**_times(work.of_tiles, samples), "finished": finished}),

@@ -40,7 +40,7 @@ class _Around(NamedTuple):
 
     Attributes:
         blocks: [K, rows, columns] bool, where its rungs are.
-        tiles: Of the frame.
+        tiles: That are computed.
         plan: For each of them the rungs that reach it.
     """
 
@@ -101,7 +101,7 @@ class Cover:
         return found
 
     def patches(self, rungs: list[int], tiles: list[int]) -> list[Patch | None]:
-        """What tiles of the frame see of a layer, at the resolution at which it is blurred."""
+        """What tiles see of a layer, at the resolution at which it is blurred, by their numbers."""
         window, (blocks, every, _) = self.windows[rungs[0]], self._around
         margin = window.margin
         if window.halvings:  # it is read between cells
@@ -156,8 +156,8 @@ class Presence:
         behind: Pixels behind which something is invented, of all layers.
     """
 
-    def __init__(self, frame: Frame, signed_radius: Pixels) -> None:
-        self.frame = frame
+    def __init__(self, frame: Frame, signed_radius: Pixels, tiles: list[Box]) -> None:
+        self.frame, self._tiles = frame, tiles
         H, W = frame.size
         step = _step(H * W)
         rows, self.edges = [], 0
@@ -174,7 +174,6 @@ class Presence:
         radius = torch.cat(rows) if rows else signed_radius[::step, ::step].detach()
         everywhere = torch.ones_like(radius, dtype=torch.bool)
         blocks = self._blocks(radius, everywhere, step, 1, (H, W))
-        tiles = frame.grid.tiles
         around = _Around(blocks.cpu(), tiles, visible_slices(blocks, frame.reaches, tiles))
         self.visible = Cover(around, blocks.cpu(), 1, frame.layers, frame.windows)
         if frame.tilted:  # lengths and radii shrink alike: slopes stay as they are
@@ -215,7 +214,7 @@ class Presence:
     def _around_behind(self, blocks: Tensor) -> _Around:
         """What tiles see of what is invented, of blocks of the frame that it is in."""
         frame, fill = self.frame, self.frame.invented
-        tiles, fine = frame.grid.tiles, axes(frame.size)
+        tiles, fine = self._tiles, axes(frame.size)
         if fill.halvings:
             blocks = pad(blocks, (0, blocks.shape[2] % 2, 0, blocks.shape[1] % 2))
             blocks = blocks[:, ::2] | blocks[:, 1::2]

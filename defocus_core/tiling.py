@@ -79,7 +79,7 @@ class Grid(NamedTuple):
     """Tiles in rows.
 
     Attributes:
-        tiles: The tiles; the last of a row or column may be smaller.
+        tiles: The tiles; the first and the last of a row or column may be smaller.
         side: Px of the others.
         columns: Tiles in a row.
     """
@@ -95,15 +95,15 @@ class Grid(NamedTuple):
         height, width = last.top + last.height - first.top, last.left + last.width - first.left
         return Box(first.top, first.left, height, width)
 
-    def divided(self, at: int, *, beside: bool) -> tuple[Grid, Grid]:
-        """The first so many rows, or columns if `beside`, and the rest; either may be empty."""
-        first: list[Box] = []
-        rest: list[Box] = []
-        for i, tile in enumerate(self.tiles):
-            number = i % self.columns if beside else i // self.columns
-            (first if number < at else rest).append(tile)
-        columns = (at, self.columns - at) if beside else (self.columns, self.columns)
-        return Grid(first, self.side, columns[0]), Grid(rest, self.side, columns[1])
+    def within(self, box: Box) -> Grid | None:
+        """Its tiles, cut to a rectangle; None if nothing is left."""
+        cut = [tile.grown(0, box) for tile in self.tiles]
+        left = [tile for tile in cut if min(tile[2:]) > 0]
+        return (
+            self._replace(tiles=left, columns=sum(tile.top == left[0].top for tile in left))
+            if left
+            else None
+        )
 
     def seen_from(self, other: Box) -> Grid:
         """The same tiles counted from the corner of another rectangle."""

@@ -33,14 +33,14 @@ class Workload:
         read: Those of them that are only read, at reduced resolution.
     """
 
-    def __init__(self, frame: Frame) -> None:
+    def __init__(self, frame: Frame, tiles: list[Box]) -> None:
         self._frame, self._parts = frame, len(frame.parts)
         self.of_regions, self.of_tiles = (dict.fromkeys(_LOADS, 0.0) for _ in range(2))
         self.widest = self.reduced = 0.0
         self.done = self.read = 0
         self._spectra: set[tuple[int, int, tuple[int, int], bool]] = set()
         self._kernels: dict[tuple[int, int], int] = {}
-        self._number = {tile: i for i, tile in enumerate(frame.grid.tiles)}
+        self._tiles, self._number = tiles, {tile: i for i, tile in enumerate(tiles)}
 
     def add(self, grid: Grid, surfaces: list[Cover]) -> None:
         """A region that is not a copy, and its surfaces."""
@@ -71,7 +71,7 @@ class Workload:
             loads["calls"] += 1 + len(some)
             if not window.margin:  # copied
                 continue
-            box = self._frame.grid.tiles[i].around(window.margin)
+            box = self._tiles[i].around(window.margin)
             tilted = surface.leaning(some, box)
             size = window.fitting(patch.least)
             self._learn(window, size, some, tilted)

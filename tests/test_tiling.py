@@ -46,11 +46,14 @@ def test_points_are_found_where_pixels_would_be() -> None:
     assert torch.equal(blocks_at(places, at, 2, (40, 60)), blocks_of(dense, 2, present))
 
 
-def test_a_grid_is_divided_between_rows_or_columns() -> None:
+def test_a_grid_is_cut_to_a_rectangle() -> None:
     grid = grid_over(300, 400, 100)
-    above, below = grid.divided(1, beside=False)
-    assert (above.box, below.box) == (Box(0, 0, 100, 400), Box(100, 0, 200, 400))
-    left, right = grid.divided(3, beside=True)
-    assert (left.box, right.box) == (Box(0, 0, 300, 300), Box(0, 300, 300, 100))
-    assert [part.columns for part in (above, below, left, right)] == [4, 4, 3, 1]
-    assert sorted(left.tiles + right.tiles) == sorted(grid.tiles)
+    part = grid.within(Box(80, 150, 150, 90))
+    assert part is not None
+    assert part.columns == 2
+    assert part.tiles == [
+        Box(80, 150, 20, 50), Box(80, 200, 20, 40), Box(100, 150, 100, 50), Box(100, 200, 100, 40),
+        Box(200, 150, 30, 50), Box(200, 200, 30, 40),
+    ]  # fmt: skip
+    assert grid.within(Box(-50, -50, 500, 500)) == grid
+    assert grid.within(Box(300, 0, 20, 400)) is None
