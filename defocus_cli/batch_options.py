@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import re
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from defocus_cli.option_types import Quantity, option_name
 from defocus_cli.options import Command, cores, machine_option, memory_options
 from defocus_cli.quantities import byte_count
 
-THREADS = 2  # of a process: more of them wait for one another, more processes take more memory
+# A core more for each process saves more than a thread more in it, for these wait for one another;
+# but each should find this much memory.
+ROOM_MB = 2000
 MANY = 64  # workers of a cluster, whose number may change
 _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
 
@@ -61,14 +64,22 @@ class Crew:
             return None
         return int(budget.SHARE * available / self.count * memory.MB)
 
-    @property
+    @cached_property
     def count(self) -> int:
-        """The number of processes: what threads leave of the cores, but one for a GPU."""
+        """The number of processes, told once, for what is free changes.
+
+        One for a GPU; else what threads leave of the cores, or where nothing is said of these a
+        core each, as far as memory goes.
+        """
         if self.processes is not None:
             return self.processes
         if self.device == "cuda" or (self.device == "auto" and any(map(_is_there, _GPUS))):
             return 1
-        return max(1, cores() // (self.threads or THREADS))
+        if self.threads is not None:
+            return max(1, cores() // self.threads)
+        available = memory.available_mb()
+        most = cores() if available is None else int(available // ROOM_MB)
+        return max(1, min(cores(), most))
 
     @property
     def spread(self) -> int:
@@ -113,7 +124,8 @@ def crew_options(command: Command) -> Command:
                 "--processes",
                 type=click.IntRange(min=1),
                 metavar="N",
-                help="Processes on this machine.  [default: cores / threads; 1 with a GPU]",
+                help="Processes on this machine.  [default: cores / threads; without --threads "
+                "one for each core and 2 GB that are free; 1 with a GPU]",
             ),
             machine_option(
                 "--threads",

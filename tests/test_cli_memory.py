@@ -16,7 +16,7 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli import arrays, budget, exr, exr_strips, memory, sizing
+from defocus_cli import arrays, batch_options, budget, exr, exr_strips, memory, sizing
 from defocus_cli.arrays import Scratch
 from defocus_cli.batch_options import Crew, computed_by
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
@@ -336,6 +336,33 @@ def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch)
     assert shared == int(0.8 * 1000 / 4 * memory.MB)
     assert Crew("local", 4, 1, "cpu", 7, None).machine.memory == 7
     assert Crew("local", 1, 1, "cpu", None, None).machine.memory is None
+
+
+@pytest.mark.parametrize(
+    ("available", "threads", "processes", "shared_out"),
+    [
+        (64000.0, None, None, (8, 1)),
+        (9000.0, None, None, (4, 2)),
+        (500.0, None, None, (1, 8)),
+        (None, None, None, (8, 1)),
+        (500.0, 2, None, (4, 2)),
+        (500.0, None, 8, (8, 1)),
+        (64000.0, 16, None, (1, 16)),
+    ],
+)
+def test_each_core_has_a_process_if_there_is_memory_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+    available: float | None,
+    threads: int | None,
+    processes: int | None,
+    shared_out: tuple[int, int],
+) -> None:
+    free = iter([available])
+    monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
+    monkeypatch.setattr(batch_options, "cores", lambda: 8)
+    crew = Crew("local", processes, threads, "cpu", 7, None)
+    assert (crew.count, crew.machine.threads) == shared_out
+    assert crew.count == shared_out[0], "whatever is free by now"
 
 
 def test_tiles_of_a_job_stay_when_another_machine_does_it(tmp_path: Path) -> None:
