@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +68,7 @@ class Crew:
         """The number of processes, told once, for what is free changes.
 
         One for a GPU; else what threads leave of the cores, or where nothing is said of these a
-        core each, as far as memory goes.
+        core each, as far as memory goes: a few left over are worth less than a process fewer.
         """
         if self.processes is not None:
             return self.processes
@@ -104,7 +103,7 @@ class Crew:
 def crew_options(command: Command) -> Command:
     """Hand a command ``crew``: who computes."""
 
-    @functools.wraps(command)
+    @wraps(command)
     def call(*args: Any, **params: Any) -> Any:
         names = ("scheduler", "processes", "threads", "device", "memory", "tile")
         return command(*args, crew=Crew(**{name: params.pop(name) for name in names}), **params)

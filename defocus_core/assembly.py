@@ -88,30 +88,33 @@ def finished(
                 told(1)
         rest = len(grid.tiles) - len(part.tiles)
         told(rest)
-        rows = [tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)]
-        made = joined([[tile[0] for tile in row] for row in rows])
-        trust = joined([[tile[1] for tile in row] for row in rows])
+        rows = _among_copies(frame, grid.box, part, tiles, pixels)
+        made, trust = (joined([[one[kind] for one in row] for row in rows]) for kind in (0, 1))
         counts = counts_of_copies(frame, grid.box.area - part.box.area, rest)
-        found = _among_copies(frame, grid.box, part.box, (made, trust), pixels)
-        return Finished(grid.box, *found, added(region.counts(), counts))
+        return Finished(grid.box, made, trust, added(region.counts(), counts))
 
     return threaded(recomputed(computed), grids, at_once)
 
 
 def _among_copies(
-    frame: Frame, whole: Box, part: Box, made: tuple[Tensor, Tensor], pixels: Pixels
-) -> tuple[Tensor, Tensor]:
-    """Images and trust of a rectangle of which a part was made, and the rest is as it was."""
-    if part == whole:
-        return made
+    frame: Frame, whole: Box, part: Grid, tiles: list[tuple[Tensor, Tensor]], pixels: Pixels
+) -> list[list[tuple[Tensor, Tensor]]]:
+    """Rows of images and trust of a rectangle: the tiles of a part, and the rest as it was."""
     down, across = (
-        [Span(side.first, inner.first), inner, Span(inner.end, side.end)]
-        for side, inner in zip(whole.sides, part.sides, strict=True)
+        (Span(side.first, inner.first), Span(inner.end, side.end))
+        for side, inner in zip(whole.sides, part.box.sides, strict=True)
     )
-    boxes = [[Box.over(y, x) for x in across if x.length] for y in down if y.length]
-    found = [[made if box == part else _copied(frame, box, pixels) for box in row] for row in boxes]
-    images, trust = (joined([[one[kind] for one in row] for row in found]) for kind in (0, 1))
-    return images, trust
+
+    def copied(rows: Span, columns: Span) -> list[tuple[Tensor, Tensor]]:
+        box = Box.over(rows, columns)
+        return [_copied(frame, box, pixels)] if box.area else []
+
+    above, below = (copied(rows, whole.sides[1]) for rows in down)
+    made = []
+    for first in range(0, len(tiles), part.columns):
+        before, after = (copied(part.tiles[first].sides[0], columns) for columns in across)
+        made.append([*before, *tiles[first : first + part.columns], *after])
+    return [row for row in (above, *made, below) if row]
 
 
 def _copied(frame: Frame, box: Box, pixels: Pixels) -> tuple[Tensor, Tensor]:

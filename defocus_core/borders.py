@@ -79,8 +79,8 @@ def share_in_frame(
         index = row * box.width + column
         r = signed_radius.flatten().index_select(0, index)
         at = (row.to(r) + (box.top + 0.5), column.to(r) + (box.left + 0.5))
-        share = share.flatten(1).index_copy(1, index, _at_corners(r, at, size, aperture, parts))
-    return share.clamp(min=_LEAST_SHARE).reshape(len(parts), 1, box.height, box.width)
+        share.view(len(parts), -1).index_copy_(1, index, _at_corners(r, at, size, aperture, parts))
+    return share.clamp_(min=_LEAST_SHARE)[:, None]
 
 
 class _Border(NamedTuple):

@@ -29,36 +29,36 @@ def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None
         return grid
     seen = grid.box.grown(frame.margin, frame.box)
     radii = seen.of(signed_radius).detach()
-    part = None
+    sides: list[Span | None] = [None, None]
     for every in (_SAMPLED, 1):
-        box = _reached(frame, seen, radii[::every, ::every], every)
-        part = grid.within(box) if box else None
-        if part and part.box == grid.box:
-            break
-    return part
+        some = radii[::every, ::every]
+        for dim, whole in enumerate(grid.box.sides):
+            if sides[dim] != whole:
+                found = _reached(frame, seen, some, every, dim)
+                sides[dim] = found and found.within(whole)
+    down, across = sides
+    return grid.within(Box.over(down, across)) if down and across else None
 
 
-def _reached(frame: Frame, seen: Box, radii: Tensor, every: int) -> Box | None:
-    """A rectangle of blocks beyond which all is as it was; None if that is so everywhere.
+def _reached(frame: Frame, seen: Box, radii: Tensor, every: int, dim: int) -> Span | None:
+    """Blocks along an axis beyond which all is as it was; None if that is so everywhere.
 
     Args:
         frame: What holds for the whole picture.
         seen: A part of it.
         radii: [h, w] px of that, of every so many rows and columns.
         every: How many.
+        dim: The axis: 0 for rows.
     """
     assert frame.sharp is not None
-    sides = []
-    for dim, side in ((1, seen.sides[0]), (0, seen.sides[1])):
-        least, most = radii.amin(dim), radii.amax(dim)
-        at = torch.nonzero((least < -frame.sharp) | (most > frame.sharp))[:, 0]
-        if not len(at):
-            return None
-        reach = _reach(frame, least.index_select(0, at), most.index_select(0, at))
-        at = every * at + side.first
-        first, last = int((at - reach).amin()), int((at + reach).amax())
-        sides.append(Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK))
-    return Box.over(*sides)
+    least, most = radii.amin(1 - dim), radii.amax(1 - dim)
+    at = torch.nonzero((least < -frame.sharp) | (most > frame.sharp))[:, 0]
+    if not len(at):
+        return None
+    reach = _reach(frame, least.index_select(0, at), most.index_select(0, at))
+    at = every * at + seen[dim]
+    first, last = int((at - reach).amin()), int((at + reach).amax())
+    return Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK)
 
 
 def _reach(frame: Frame, least: Tensor, most: Tensor) -> Tensor | int:

@@ -77,12 +77,14 @@ def _scatter(r: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
 
     Both neighbours beside it, and both above and below it. On slopes and on terraces none does.
     """
-    rows, columns = rows.to(r.device, torch.long)[:, None], columns.to(r.device)
-    here, found = r[rows, columns].float(), []
+    rows, columns = rows.to(r.device, torch.long), columns.to(r.device)
+
+    def beside(down: int, across: int) -> Tensor:
+        return r.index_select(0, rows + down).index_select(1, columns + across).float()
+
+    here, found = beside(0, 0), []
     for down, across in ((1, 0), (0, 1)):
-        before, after = (
-            r[rows + way * down, columns + way * across].float() - here for way in (-1, 1)
-        )
+        before, after = (beside(way * down, way * across) - here for way in (-1, 1))
         near = torch.maximum(before.abs(), after.abs()) <= _STEP
         off = torch.where(before * after > 0, ((before + after) / 2).abs(), 0.0)
         found.append(torch.where(near, off, -1.0).flatten())

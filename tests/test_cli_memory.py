@@ -343,6 +343,7 @@ def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch)
     [
         (64000.0, None, None, (8, 1)),
         (9000.0, None, None, (4, 2)),
+        (11000.0, None, None, (5, 1)),
         (500.0, None, None, (1, 8)),
         (None, None, None, (8, 1)),
         (500.0, 2, None, (4, 2)),

@@ -100,3 +100,19 @@ def test_of_a_frame_in_focus_nothing_must_be_computed() -> None:
     part = blurred_part(frame, grid, radius)
     assert part is not None
     assert part.box.area < grid.box.area / 10
+
+
+def test_what_is_copied_hands_gradients_on() -> None:
+    image, radius = scene(SPOTS["middle"], hard=True)
+    plain = render(image, radius, tile=96)
+    weights = torch.rand(3, H, W, generator=torch.Generator().manual_seed(1))
+    found = render(image.requires_grad_(), radius, tile=96)
+    assert torch.equal(found.render, plain.render)
+    assert torch.equal(found.trust, plain.trust)
+    (found.render * weights).sum().backward()
+    assert image.grad is not None
+    blurred = SPOTS["middle"].grown(64, Box(0, 0, H, W))
+    copied = torch.ones(H, W, dtype=torch.bool)
+    blurred.of(copied)[:] = False
+    assert torch.equal(image.grad[:, copied], weights[:, copied])
+    assert not torch.equal(image.grad, weights)
