@@ -11,6 +11,7 @@ from defocus_cli.arrays import IN_MEMORY, Keeping
 from defocus_cli.budget import base_mb, capacity_mb, holding
 from defocus_cli.errors import InputError, TooLarge, UsageProblem
 from defocus_cli.focusing import focused, radius_map
+from defocus_cli.garbage import imports
 from defocus_cli.interrupts import put_off
 from defocus_cli.job import RENDERED_KINDS, Job, Picture, Reading
 from defocus_cli.made import Loaded, Made, Outcome
@@ -103,7 +104,7 @@ def write(made: Made) -> Outcome:
 
 def load() -> None:
     """Import what takes seconds to import."""
-    with put_off():
+    with put_off(), imports():
         import torch  # noqa: F401
 
         import defocus_core  # noqa: F401

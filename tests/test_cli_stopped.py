@@ -14,7 +14,7 @@ from batches import contents, records
 from command_line import LENS, pair, render
 
 HERE = Path(__file__).parent
-COMMAND = "import sys; from defocus_cli.main import main; sys.exit(main())"
+COMMAND = "from defocus_cli.__main__ import run; run()"
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ def test_what_may_not_be_read_or_written(color: Path, depth: Path, out: Path) ->
 def test_words_that_cannot_be_said_do_not_cost_the_picture(
     stderr: str, color: Path, depth: Path, out: Path
 ) -> None:
-    command = "import sys; from defocus_cli.main import main; sys.exit(main())"
+    command = "from defocus_cli.__main__ import run; run()"
     args = [sys.executable, "-c", command, "render", color, "-o", out, "--outputs", "coc", *LENS]
     redirected = "2>/dev/full" if stderr == "full" else "2>&-"
     for more, code in ((depth, 0), (color, 3)):
@@ -87,7 +87,7 @@ def test_words_that_cannot_be_said_do_not_cost_the_picture(
 def test_a_document_that_cannot_be_told_is_an_error(
     redirected: str, words: str, color: Path, depth: Path, out: Path
 ) -> None:
-    command = "import sys; from defocus_cli.main import main; sys.exit(main())"
+    command = "from defocus_cli.__main__ import run; run()"
     done = ["render", color, depth, "-o", out, "--outputs", "coc", "--json", *LENS]
     assert run(*done).code == 0
     for args in (done, ["info", color], ["info", color, "--json"], ["status", out]):
@@ -180,7 +180,7 @@ def test_a_fault_of_our_own_asks_for_a_report(
 
 
 def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> None:
-    command = "import sys; from defocus_cli.main import main; sys.exit(main())"
+    command = "from defocus_cli.__main__ import run; run()"
     ran = subprocess.run(
         [sys.executable, "-c", command, "render", color, "no.exr", "-o", out, *LENS],
         capture_output=True,
