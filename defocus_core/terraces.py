@@ -20,7 +20,7 @@ from defocus_core.source import spread
 # there is no edge, and a step that matters; and the numbers of different radii.
 _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
-# Every how many columns are looked at for that: sorting takes long.
+# Every how many columns are looked at for that: sorting takes long, so it comes last.
 _EVERY = 16
 # Steps in px between two terraces; and what is flat beside them, as a share of the step.
 _LEAST, _MOST, _FLAT = 0.2013, 1.013, 0.1013
@@ -36,7 +36,7 @@ class Levels(NamedTuple):
     Attributes:
         steps: Along both axes how many steps there are, and how many are none, too small to
             matter, and too small for an edge: [2][4]; empty if neighbours are mostly not alike.
-        radii: Different ones, px, no more than it takes to tell that there are many; None likewise.
+        radii: Some, px; None likewise.
     """
 
     steps: list[list[int]]
@@ -58,8 +58,7 @@ def levels_of(rows: Tensor, below: Tensor) -> Levels:
             return Levels([], None)
         few = (int(torch.count_nonzero(size <= most)) for most in (_LEAST, _MOST))
         steps.append([size.numel(), same, *few])
-    radii: Tensor = torch.unique(rows[:, spread(rows.shape[1], _EVERY)])
-    return Levels(steps, radii[: _MANY + 1])
+    return Levels(steps, rows[:, spread(rows.shape[1], _EVERY)])
 
 
 def are_few(levels: list[Levels]) -> bool:
@@ -71,7 +70,7 @@ def are_few(levels: list[Levels]) -> bool:
         count, same, least, small = (sum(numbers) for numbers in zip(*axis, strict=True))
         if small - same <= _SMALL * (count - same) or small - least <= _MATTERS * (count - same):
             return False
-    every: Tensor = torch.unique(torch.cat(found))
+    every: Tensor = torch.unique(torch.cat([torch.unique(radii) for radii in found]))
     return _FEW < len(every) <= _MANY
 
 
