@@ -1,7 +1,8 @@
 """The ``defocus`` command: finds the subcommand, and says in one line what went wrong.
 
 Exit codes: 0 done, 1 some of a batch failed, or a fault of defocus itself, 2 usage, 3 input or
-output, 130 interrupted by Ctrl-C, 143 or 129 ended by SIGTERM or SIGHUP.
+output, 130 interrupted by Ctrl-C, 141 nobody reads what is printed any more, as after ``| head``,
+143 or 129 ended by SIGTERM or SIGHUP.
 """
 
 from __future__ import annotations
@@ -107,6 +108,8 @@ def main(args: Sequence[str] | None = None) -> int:
         return _fail(line, 128 + ended.number)
     except click.ClickException as error:
         return _fail(told(error), error.exit_code)
+    except SystemExit:  # click's answer to a broken pipe
+        return 141  # as if by SIGPIPE, which Python ignores: others say nothing either
     except OSError as error:
         return _fail(told_of_system(error), 3)
     except Exception as error:
@@ -152,7 +155,3 @@ def _fail(line: str, code: int) -> int:
     with suppress(OSError):
         click.echo(f"defocus: {line}", err=True)
     return code
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -49,6 +49,7 @@ def tell(line: str) -> None:
 
     Raises:
         InputError: it cannot be written.
+        BrokenPipeError: who read it has gone.
     """
     _print(printable(line))
 
@@ -58,6 +59,7 @@ def print_json(**document: Any) -> None:
 
     Raises:
         InputError: it cannot be written.
+        BrokenPipeError: who read it has gone.
     """
     _print(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
 
@@ -67,6 +69,8 @@ def _print(text: str) -> None:
         raise InputError("stdout", "is closed", "send it to a file or to another program")
     try:
         click.echo(text)
+    except BrokenPipeError:
+        raise
     except OSError as error:
         remedy = "free some space" if error.errno == ENOSPC else "check where it leads"
         raise InputError("stdout", f"cannot be written: {reason(error)}", remedy) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -50,6 +51,21 @@ def test_modules_are_not_taken_down() -> None:
     assert ran.returncode == 0
     assert ran.stdout.splitlines()[1:] == ["asked for"]
     assert "taken down" in ended(held, "--version").stdout
+
+
+def test_nothing_is_said_to_who_has_gone(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    rendering = ["render", color, depth, *LENS, "-o", tmp_path / "out", "--outputs", "coc"]
+    told = (["--help"], ["info", color], ["info", color, "--json"], [*rendering, "--json"])
+    for words in told:
+        reader, writer = os.pipe()
+        os.close(reader)
+        command = [sys.executable, "-c", RUN, *map(str, words)]
+        ran = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+        os.close(writer)
+        assert ran.returncode == 141
+        assert ran.stderr.count("\n") == (words[0] == "render"), ran.stderr
+    assert (tmp_path / "out" / "coc" / "a.exr").exists()
 
 
 def test_a_fault_of_python_itself_is_told_as_ever() -> None:
