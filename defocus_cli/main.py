@@ -155,3 +155,7 @@ def _fail(line: str, code: int) -> int:
     with suppress(OSError):
         click.echo(f"defocus: {line}", err=True)
     return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
