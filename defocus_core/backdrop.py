@@ -16,6 +16,7 @@ from torch import Tensor
 
 from defocus_core.ends import ends_of
 from defocus_core.halving import Axis, axes, halves
+from defocus_core.masks import exceeding, places_of
 from defocus_core.reach import Reach, edges_in_cells, grain_of, reach_of
 from defocus_core.sheets import Level, coarser, pixels_of, stacked
 from defocus_core.source import Pixels, banded
@@ -125,7 +126,7 @@ def _coarsely(
     """A quarter of the resolution, edges at half of it, and the row of the middle in these."""
     r = signed_radius.detach()
     farther = _beside_edges(r)
-    weight = (pixels.detach().amax(0) <= limit).to(r.dtype)
+    weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     weight.flatten()[farther] *= _MIXED
     picture = torch.cat([pixels, signed_radius[None]])
     half = coarser(pixels_of(picture, signed_radius, middle, weight))
@@ -138,6 +139,6 @@ def _beside_edges(r: Tensor) -> Tensor:
     found = []
     for dim, stride in ((0, r.shape[1]), (1, 1)):
         step = r.diff(dim=dim)
-        row, column = torch.nonzero(step.abs() > EDGE).unbind(1)
+        row, column = places_of(exceeding(step.abs(), EDGE)).unbind(1)
         found.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
     return torch.cat(found)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.masks import exceeding, places_of
 from defocus_core.ranks import Ranks
 from defocus_core.tiling import BLOCK
 
@@ -71,8 +72,9 @@ def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, 
     if float(pixels.detach().amax()) <= limit:
         return pixels, None
     brightness = pixels.detach().amax(0)
-    at = torch.nonzero(brightness > limit)
-    around = _surroundings(pixels, brightness <= limit, at)
+    bright = exceeding(brightness, limit)
+    at = places_of(bright)
+    around = _surroundings(pixels, ~bright, at)
     rows, columns = at.unbind(-1)
     rest = pixels.clone()
     rest[:, rows, columns] = around.T

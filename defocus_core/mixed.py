@@ -15,6 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.masks import exceeding, places_of
 from defocus_core.neighbours import extreme_around, squares_around
 from defocus_core.ties import halfway
 
@@ -82,8 +83,8 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
-    edge = farthest - nearest > EDGE
-    places = torch.nonzero(edge)
+    edge = exceeding(farthest - nearest, EDGE)
+    places = places_of(edge)
     if not len(places):
         return whole(image, signed_radius)
     border = halfway(nearest, farthest)

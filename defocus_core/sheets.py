@@ -90,7 +90,7 @@ def pixels_of(
     least = most = r = r.flatten()
     whole = weight is None
     weight = torch.ones_like(r) if weight is None else weight.flatten()
-    held = weight > 0
+    held = weight.bool()
     if not whole and not bool(held.all()):
         least, most = torch.where(held, r, torch.inf), torch.where(held, r, -torch.inf)
     none = torch.zeros(0, dtype=torch.long, device=r.device)

@@ -54,6 +54,7 @@ LAYERS = [
         "aperture",
         "derived",
         "ends",
+        "masks",
         "neighbours",
         "halving",
         "metrics",

@@ -1,0 +1,38 @@
+"""Where pixels are that few are, such as those at edges: faster than torch finds them on a CPU.
+
+It compares and looks for what is not 0 number by number; it converts, and adds, many at once.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+# Pixels of a mask that are looked at as one word.
+_WORD = 8
+
+
+def exceeding(values: Tensor, bound: float) -> Tensor:
+    """Where values [...], none of them NaN, are greater than a finite bound, or +inf: bool."""
+    return (values.detach() - bound).clamp_(min=0).bool()
+
+
+def numbers_of(mask: Tensor) -> Tensor:
+    """The numbers [n], ascending, of the pixels where a mask [...] bool holds; best if few do."""
+    flat = mask.flatten()
+    end = flat.numel() // _WORD * _WORD
+    if not end or flat.storage_offset() % _WORD:
+        return torch.nonzero(flat)[:, 0]
+    words = torch.nonzero(flat[:end].view(torch.int64))[:, 0]
+    word, pixel = torch.nonzero(flat[:end].view(-1, _WORD).index_select(0, words)).unbind(1)
+    found = words.index_select(0, word).mul_(_WORD).add_(pixel)
+    if end == flat.numel():
+        return found
+    return torch.cat([found, torch.nonzero(flat[end:])[:, 0] + end])
+
+
+def places_of(mask: Tensor) -> Tensor:
+    """The rows and columns [n, 2] of the same, of a mask [H, W]."""
+    number = numbers_of(mask)
+    row = number.div(mask.shape[1], rounding_mode="floor")
+    return torch.stack([row, number - row * mask.shape[1]], 1)
