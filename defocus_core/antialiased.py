@@ -15,6 +15,7 @@ import math
 import torch
 from torch import Tensor
 
+from defocus_core.masks import places_of
 from defocus_core.neighbours import extreme_around, squares_around, steps_beside
 from defocus_core.ties import halfway
 
@@ -92,7 +93,7 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
         infinity: From `averaged_from`.
     """
     radii = signed_radius.detach()
-    at = torch.nonzero(_edges(radii, infinity))
+    at = places_of(_edges(radii, infinity))
     if not len(at):
         return signed_radius
     H, W = radii.shape

@@ -17,6 +17,7 @@ from defocus_core.compositing import add_behind, summed
 from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes, halves, place_of
 from defocus_core.hidden import HiddenLayer
+from defocus_core.masks import numbers_of
 from defocus_core.resampling import cells_read, linear_shares, resampled
 from defocus_core.slicing import position
 from defocus_core.surface import Samples
@@ -91,7 +92,7 @@ class Filling:
             down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
             self._coarse = (down.axis, across.axis)
         color, radius, mask = hidden
-        index = torch.nonzero(mask.flatten())[:, 0]
+        index = numbers_of(mask)
         found = position(radius.flatten().index_select(0, index), frame.radii[:: slices.stride])
         places = torch.zeros_like(radius).flatten().index_copy(0, index, found)
         places = places.reshape(radius.shape)

@@ -16,6 +16,7 @@ from torch import Tensor
 from defocus_core.derived import Derived, held
 from defocus_core.halving import halved
 from defocus_core.known import Behind
+from defocus_core.masks import exceeding, places_of
 from defocus_core.source import Pixels
 from defocus_core.ties import halfway
 
@@ -84,7 +85,7 @@ def means(values: Tensor) -> Tensor:
 def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     """Radii in px of the surfaces of cells [h, w], of px [2 h, 2 w] and [C, 2 h, 2 w]."""
     least, most = (_picked(signed_radius.detach(), pick) for pick in (torch.minimum, torch.maximum))
-    y, x = torch.nonzero(most.sub_(least) > _STEEP).unbind(1)
+    y, x = places_of(exceeding(most.sub_(least), _STEEP)).unbind(1)
     some = torch.stack([corner[y, x] for corner in _corners(signed_radius)])
     light = torch.stack([corner[:, y, x].amax(0) for corner in _corners(pixels.detach())])
     brightest = light.amax(0)

@@ -19,6 +19,7 @@ from torch import Tensor
 from defocus_core.backdrop import Backdrop, backdrop
 from defocus_core.continuation import Asked, continued, nearby
 from defocus_core.halving import Axis
+from defocus_core.masks import numbers_of
 from defocus_core.reach import DECAY, STEP
 from defocus_core.sheets import Level, coarser, pixels_of
 from defocus_core.ties import halfway
@@ -149,7 +150,7 @@ def _behind(
     behind = among & (revealed.shown > near + STEP)
     if blur < math.inf:
         behind = behind & (revealed.source.abs() < near.abs() * blur)
-    index = torch.nonzero(behind.flatten())[:, 0]
+    index = numbers_of(behind)
     if not len(index):
         return None
     y = index.div(around.width, rounding_mode="floor")

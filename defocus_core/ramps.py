@@ -11,6 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core.masks import exceeding, places_of
 from defocus_core.neighbours import squares_around
 from defocus_core.ties import halfway
 
@@ -27,7 +28,7 @@ def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
 
     A hard edge is as it was, and so is a slope of up to `steep` px per px.
     """
-    at = torch.nonzero(steepness(signed_radius) > steep)
+    at = places_of(exceeding(steepness(signed_radius), steep))
     if not len(at):
         return signed_radius
     H, W = signed_radius.shape

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.halving import Axis, Halves, extended, halved, halves, pulled
+from defocus_core.masks import numbers_of
 
 # Px of radius that are one surface: in a cell of two by two pixels, and how many times more at each
 # further level.
@@ -120,7 +121,7 @@ def coarser(level: Level) -> Level:
         _greatest_of(cells(each, -torch.inf), odd, overlapping).flatten()
         for each in (first.most, -least)
     )
-    edges = torch.nonzero((most > -torch.inf) & ~(most + least < alike))[:, 0]
+    edges = numbers_of((most > -torch.inf) & ~(most + least < alike))
     dense = Sheet(values.flatten(1), weight.flatten().clamp_(max=1), least.neg_(), most)
     middle, size = (down.axis, across.axis), (down.length, across.length)
     result = Level(size, dense, None, None, middle, level.halvings + 1, edges)

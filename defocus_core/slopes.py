@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.ends import ends_of
+from defocus_core.masks import numbers_of
 
 # Differences in px that are less and less of the same surface.
 _STEP = (1.013, 3.0)
@@ -69,7 +70,7 @@ def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
     step, beside = step.abs() > _STEP[0], torch.zeros_like(steep)
     for k in (0, 1):
         beside.narrow(dim, k, n - 1).logical_or_(step)
-    at = torch.nonzero((beside & steep).flatten()).flatten()
+    at = numbers_of(beside & steep)
     if not len(at):
         return found
     values, stride = r.flatten(), 1 if dim == -1 else r.shape[1]

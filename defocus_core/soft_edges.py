@@ -11,6 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core.masks import numbers_of
 from defocus_core.neighbours import extreme_around, steps_beside
 from defocus_core.ramps import AROUND as AROUND_RAMPS
 from defocus_core.ramps import STEEP, steepness, without_ramps
@@ -66,7 +67,7 @@ def with_hard_edges(signed_radius: Tensor, pixels: Tensor, steep: float = STEEP)
     if not bool(soft.any()):
         return steps
     unsure = extreme_around(soft, _BESIDE, torch.maximum)
-    index = torch.nonzero(unsure.flatten())[:, 0]
+    index = numbers_of(unsure)
     foot, least, most = (
         extreme_around(some, by, choice).flatten().index_select(0, index)
         for some, by, choice in (

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.masks import places_of
 from defocus_core.neighbours import extreme_around, steps_beside
 from defocus_core.source import spread
 
@@ -80,7 +81,7 @@ def without_terraces(signed_radius: Tensor) -> Tensor:
     steps = _at_a_step(r, -1) | _at_a_step(r, -2)
     if not bool(steps.any()):
         return signed_radius
-    at = torch.nonzero(extreme_around(steps, _WIDE - 1, torch.maximum))
+    at = places_of(extreme_around(steps, _WIDE - 1, torch.maximum))
     down, across = _smoothed(signed_radius, at, 0), _smoothed(signed_radius, at, 1)
     return (_smoothed(down, at, 1) + _smoothed(across, at, 0)) / 2  # no axis is the first
 
