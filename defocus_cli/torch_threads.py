@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import sys
 
-from defocus_cli.garbage import imports
-
 _SWITCH_SECONDS = 5e-4
 
 
 def leave_threads_to_tiles() -> None:
     """To be called before anything is rendered; again is harmless."""
-    with imports():
-        import torch
+    import torch
 
     torch.set_num_threads(1)
     sys.setswitchinterval(_SWITCH_SECONDS)

@@ -13,7 +13,7 @@ _WORD = 8
 
 
 def exceeding(values: Tensor, bound: float) -> Tensor:
-    """Where values [...], none of them NaN, are greater than a finite bound, or +inf: bool."""
+    """Where values [...] exceed a bound: bool. None is NaN, nor infinite where the bound is."""
     return (values.detach() - bound).clamp_(min=0).bool()
 
 

@@ -91,8 +91,7 @@ def pixels_of(
     least = most = r = r.flatten()
     whole = weight is None
     weight = torch.ones_like(r) if weight is None else weight.flatten()
-    held = weight.bool()
-    if not whole and not bool(held.all()):
+    if not whole and not bool((held := weight.bool()).all()):
         least, most = torch.where(held, r, torch.inf), torch.where(held, r, -torch.inf)
     none = torch.zeros(0, dtype=torch.long, device=r.device)
     first = Sheet(values.flatten(1), weight, least, most)

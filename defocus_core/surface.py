@@ -80,8 +80,9 @@ class Surface:
         below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
         self._framed_box = Box(top, left, below - top, beside - left)
         count, exists = len(reaches), None
-        if samples.coverage is not None and not bool(samples.coverage.detach().bool().all()):
-            exists = samples.coverage.detach()[0] > 0
+        if samples.coverage is not None:
+            some = samples.coverage.detach()[0].bool()
+            exists = None if bool(some.all()) else some
         blocks = blocks_of(samples.places, count, exists)
         extra = None
         if len(samples.at):

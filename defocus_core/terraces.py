@@ -37,7 +37,7 @@ class Levels(NamedTuple):
     Attributes:
         steps: Along both axes how many steps there are, and how many are none, too small to
             matter, and too small for an edge: [2][4]; empty if neighbours are mostly not alike.
-        radii: Some, px; None likewise.
+        radii: [n, k] px of some pixels, evenly spread; None likewise.
     """
 
     steps: list[list[int]]
