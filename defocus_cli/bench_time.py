@@ -16,6 +16,8 @@ from defocus_cli import memory
 from defocus_cli.bench_run import timed, transform
 from defocus_cli.delivery import DISPARITY_PER_RADIUS
 from defocus_cli.errors import InputError
+from defocus_cli.helper import Helper, is_helped
+from defocus_cli.scene_rendering import rendered_scene
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -78,7 +80,7 @@ class Timing:
         seconds: median of the repetitions.
         cpu_seconds: of all threads, median.
         fft_units: median of the ratios to the unit measured beside each.
-        peak_mb: most memory that the process held meanwhile, MB; None where no system tells.
+        peak_mb: most memory that was held meanwhile, MB; None where no system tells.
         repeats: how often it was rendered.
         stats: what was computed and what was skipped.
         predicted_seconds: what a dry run would have said; None if it was not asked.
@@ -131,32 +133,36 @@ def measure(
     width, height = case.size
     scene = scenery(case.kind, height, width, case.radius)
     scene = type(scene)(*(part.to(device) for part in scene))
-    work, stats = _work(case, scene, threads)
+    shared = is_helped(threads, device, (height, width))
+    work, done = _work(case, scene, threads, shared)
     round_trip = transform(scene.image)
     timed(round_trip, 1)  # plans are made once
     seconds: list[float] = []
     cpu, ratios, peaks = [], [], []
-    foreseen = _predicted(case, scene, calibration)
+    foreseen = _predicted(case, scene, calibration, shared)
     try:
         unit = _unit(round_trip)
         while not seconds or (len(seconds) < repeat and sum(seconds) < _ENOUGH):
             memory.reset_peak(device)
             start = time.process_time()
             seconds.append(timed(work, 1)[1])
-            cpu.append(time.process_time() - start)
-            peaks.append(memory.peak_mb(device))
+            used = time.process_time() - start
+            stats, helper = done[-1]
+            cpu.append(used + helper.cpu_seconds)
+            if (held := memory.peak_mb(device)) is not None:
+                peaks.append(held + helper.grown_mb)
             before, unit = unit, _unit(round_trip)
             ratios.append(2 * seconds[-1] / (before + unit))
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError(case.name, problem, "leave that size out or use --device cpu") from None
-    peak = max((found for found in peaks if found is not None), default=None)
-    found = (case, median(seconds), median(cpu), median(ratios), peak, len(seconds), dict(stats))
+    peak = max(peaks, default=None)
+    found = (case, median(seconds), median(cpu), median(ratios), peak, len(seconds), stats)
     return Timing(*found, *foreseen)
 
 
 def _predicted(
-    case: Case, scene: Scenery, calibration: Calibration | None
+    case: Case, scene: Scenery, calibration: Calibration | None, shared: bool
 ) -> tuple[float | None, float | None]:
     """Seconds and peak in MB, if there is a calibration."""
     if calibration is None:
@@ -174,35 +180,31 @@ def _predicted(
     pictures = 3 if "left" in OUTPUTS[case.outputs] else 1
     of_pixel = (pictures * len(scene.image) + 1) * scene.image.itemsize  # and trust
     held = memory.held_mb(device) + of_pixel * scene.signed_radius.numel() / memory.MB
-    return calibration.predicted_seconds(planned), held + calibration.predicted_mb(planned)
+    held += calibration.predicted_mb(planned, helped=shared)
+    return calibration.predicted_seconds(planned), held
 
 
 def _work(
-    case: Case, scene: Scenery, threads: int
-) -> tuple[Callable[[], Tensor], dict[str, float]]:
-    """What makes all outputs of a case, and where the statistics of the last one are put."""
-    import torch
-
-    from defocus_core import render
-
+    case: Case, scene: Scenery, threads: int, shared: bool
+) -> tuple[Callable[[], Tensor], list[tuple[Mapping[str, float], Helper]]]:
+    """What makes all outputs of a case, and of each time the statistics and the helper."""
     kinds = OUTPUTS[case.outputs]
-    stats: dict[str, float] = {}
+    done: list[tuple[Mapping[str, float], Helper]] = []
 
     def work() -> Tensor:
         if "disparity" in kinds:
             _ = scene.signed_radius * DISPARITY_PER_RADIUS
-        with torch.no_grad():  # as commands render
-            rendering = render(
-                scene.image,
-                scene.signed_radius,
-                quality=case.quality,
-                left_right="left" in kinds,
-                threads=threads,
-            )
-        stats.update(rendering.stats)
-        return rendering.render
+        rendered = rendered_scene(
+            scene,
+            quality=case.quality,
+            left_right="left" in kinds,
+            threads=threads,
+            shared=shared,
+        )
+        done.append((rendered.stats, rendered.helper))
+        return rendered.pictures
 
-    return work, stats
+    return work, done
 
 
 def _unit(round_trip: Callable[[], Tensor]) -> float:

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,9 @@ from defocus_cli import memory
 from defocus_cli.errors import InputError
 from defocus_cli.files import written_whole
 from defocus_cli.fitting import nonnegative
+from defocus_cli.helper import can_help
 from defocus_cli.report import say, version
+from defocus_cli.scene_rendering import Rendered, rendered_scene
 from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
@@ -94,14 +96,17 @@ class Calibration:
         loads = _loads(plan, self.threads)
         return sum(self.seconds[name] * load for name, load in loads.items())
 
-    def predicted_mb(self, plan: Plan, at_once: int | None = None) -> float:
+    def predicted_mb(
+        self, plan: Plan, at_once: int | None = None, *, helped: bool = False
+    ) -> float:
         """What a planned rendering takes of memory beyond what was held before, in MB.
 
         Args:
             plan: the rendering.
             at_once: regions that are computed at once at most; None for as many as threads.
+            helped: whether a second process does half of it.
         """
-        held = _bytes(plan, self.threads, at_once or self.threads)
+        held = _bytes(plan, self.threads, at_once or self.threads, helped=helped)
         return sum(self.bytes[name] * size for name, size in held.items()) / memory.MB
 
 
@@ -150,33 +155,23 @@ def measured(device: str, threads: int) -> Calibration:
     """Render the scenes and find what explains their times and their memory."""
     from defocus_core.planning import plan
     from defocus_core.scenery import scenery
-    from defocus_core.stream import Stream
 
     leave_threads_to_tiles()
+    shared = threads > 1 and device == "cpu" and can_help()
     plans, seconds, peaks = [], [], []
     for number, (kind, width, height, radius, quality, pair) in enumerate((_SCENES[-1], *_SCENES)):
         scene = scenery(kind, height, width, radius)
-        image, signed_radius = (part.to(device) for part in scene)
+        scene = type(scene)(*(part.to(device) for part in scene))
         settings: dict[str, Any] = {"quality": quality, "left_right": pair}
-
-        pictures = (3 if pair else 1, *image.shape)
-
-        def work() -> None:
-            kept = image.new_empty(pictures)  # noqa: B023
-            stream = Stream(image, signed_radius, threads=threads, **settings)  # noqa: B023
-            for part in stream.regions():
-                made = [x for x in (part.render, part.left, part.right) if x is not None]
-                for picture, some in zip(kept, made, strict=True):
-                    part.box.of(picture).copy_(some)
-
+        work = partial(rendered_scene, scene, threads=threads, shared=shared, **settings)
         took = [_cost(work, device, threads) for _ in range(_REPEATS)]
         if number:  # the first is for what a process does once
-            plans.append(plan(signed_radius, image=image, **settings))
+            plans.append(plan(scene.signed_radius, image=scene.image, **settings))
             seconds.append(min(second for second, _ in took))
-            kept_mb = math.prod(pictures) * image.itemsize / memory.MB
+            kept_mb = (3 if pair else 1) * scene.image.nbytes / memory.MB
             peaks.append(max(peak for _, peak in took) - kept_mb)
     loads = [_loads(each, threads) for each in plans]
-    held = [_bytes(each, threads, threads) for each in plans]
+    held = [_bytes(each, threads, threads, helped=shared) for each in plans]
     return Calibration(
         _fitted(loads, seconds, _USUAL_SECONDS),
         _fitted(held, [max(peak, _LEAST_MB) * memory.MB for peak in peaks], _USUAL_BYTES),
@@ -193,7 +188,7 @@ def _fitted(
     return dict(zip(usual, found, strict=True))
 
 
-def _cost(work: Callable[[], None], device: str, threads: int) -> tuple[float, float]:
+def _cost(work: Callable[[], Rendered], device: str, threads: int) -> tuple[float, float]:
     """Seconds, and MB beyond what was held before.
 
     One thread on a CPU is asked for its own seconds: what else the machine does meanwhile is left
@@ -204,11 +199,11 @@ def _cost(work: Callable[[], None], device: str, threads: int) -> tuple[float, f
     clock = time.process_time if (device, threads) == ("cpu", 1) else time.perf_counter
     memory.reset_peak(device)
     before, start = memory.held_mb(device), clock()
-    work()
+    helper = work().helper
     if device == "cuda":
         torch.cuda.synchronize()
     seconds = clock() - start
-    return seconds, (memory.peak_mb(device) or 0.0) - before
+    return seconds, (memory.peak_mb(device) or 0.0) - before + helper.grown_mb
 
 
 def _loads(plan: Plan, threads: int) -> dict[str, float]:
@@ -224,10 +219,16 @@ def _loads(plan: Plan, threads: int) -> dict[str, float]:
     }
 
 
-def _bytes(plan: Plan, threads: int, at_once: int) -> dict[str, float]:
-    """Bytes that are held at once."""
+def _bytes(plan: Plan, threads: int, at_once: int, *, helped: bool = False) -> dict[str, float]:
+    """Bytes that are held at once; with a second process, by both."""
     from defocus_core.threads import AHEAD
 
+    if helped:
+        half = -(-threads // 2)
+        each = _bytes(plan, half, half)
+        return {name: 2 * size for name, size in each.items()} | {
+            "result": (plan.regions + 2) * plan.bytes["result"]  # who helps may be far ahead
+        }
     regions = min(_at_once(plan, threads), at_once)
     tiles = regions * min(threads // regions, math.ceil(plan.tiles / plan.regions))
     waiting = min(plan.regions, (1 + AHEAD) * regions)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from defocus_cli.arrays import Windows, bands
 from defocus_cli.budget import image_type
 from defocus_cli.errors import TooLarge
 from defocus_cli.focusing import radius_at_infinity, radius_map
+from defocus_cli.helper import helped
 from defocus_cli.job import IMAGE_KINDS, Job
 from defocus_cli.made import Loaded, Made, Outcome, mended_words
 from defocus_cli.torch_threads import leave_threads_to_tiles
@@ -47,7 +49,7 @@ def rendered(
     job, device = outcome.job, outcome.device
     leave_threads_to_tiles()
     image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
-    at_once, hold = fitting(outcome, image, signed, loaded.holding.room_mb)
+    at_once, hold, shared = fitting(outcome, image, signed, loaded.holding.room_mb)
     if at_once is not None:  # memory is short
         memory.trim()
     behind = _behind(loaded, outcome) if loaded.behind is not None else None
@@ -55,12 +57,18 @@ def rendered(
     warnings: list[str] = []
     wall, cpu = time.perf_counter(), time.process_time()
     tile = job.machine.tile
+
+    def alike() -> None:
+        stream = _stream(outcome, image, signed, behind, tile, hold, None)
+        deque(stream.regions(at_once), 0)
+
     while True:
         images.clamped.clear()
         try:
-            stream = _stream(outcome, image, signed, behind, tile, hold, progress)
-            for part in stream.regions(at_once):
-                images.take(part)
+            with helped(alike, wanted=shared) as helper:
+                stream = _stream(outcome, image, signed, behind, tile, hold, progress)
+                for part in stream.regions(at_once):
+                    images.take(part)
             break
         except torch.OutOfMemoryError:
             if at_once != 1:
@@ -77,7 +85,9 @@ def rendered(
             torch.cuda.empty_cache()
     if device == "cuda":
         torch.cuda.synchronize()
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu + helper.cpu_seconds
+    if helper.lost:
+        warnings.append(f"the process that helps {helper.lost}: its part was computed without it")
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
@@ -151,8 +161,9 @@ class _Images:
             pixels = fetched(getattr(part, kind)).reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
-                count = int(np.count_nonzero(beyond.any(axis=0)))
-                self.clamped[kind] = self.clamped.get(kind, 0) + count
+                if beyond.any():
+                    count = int(np.count_nonzero(beyond.any(axis=0)))
+                    self.clamped[kind] = self.clamped.get(kind, 0) + count
             for plane, values in zip(planes, pixels, strict=True):
                 plane[rows, columns] = values
 

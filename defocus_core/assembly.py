@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
 from defocus_core.known import Behind
 from defocus_core.recomputed import recomputed, unrecorded
-from defocus_core.region import Region
+from defocus_core.region import Region, Tile
 from defocus_core.source import Pixels
 from defocus_core.spans import Span
 from defocus_core.threads import threaded
@@ -45,6 +46,7 @@ def finished(
     hidden: Behind | None,
     threads: int,
     at_once: int | None = None,
+    last: bool = True,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Finished]:
     """The regions of a picture, row by row, each from left to right.
@@ -56,6 +58,7 @@ def finished(
         hidden: What is known behind the visible surface.
         threads: As for `render`.
         at_once: Regions computed at once at most: bounds memory. None for as many as threads.
+        last: Whether nothing is computed of them.
         progress: As for `render`.
     """
     beyond, given = None, signed_radius
@@ -65,9 +68,10 @@ def finished(
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     wanted = isinstance(given, Tensor) and given.requires_grad  # a copy has no slope
-    done = count(1)
+    done, told_of = count(1), Counter[Box]()
 
-    def told(count: int) -> None:
+    def told(box: Box, count: int) -> None:
+        told_of[box] += count
         for _ in range(count):
             number = next(done)
             if progress and number <= len(frame.grid.tiles):  # not when it is computed again
@@ -76,28 +80,33 @@ def finished(
     def computed(grid: Grid) -> Finished:
         part = grid if wanted else blurred_part(frame, grid, given)
         if not part:
-            told(len(grid.tiles))
             counts = counts_of_copies(frame, grid.box.area, len(grid.tiles))
             return Finished(grid.box, *_copied(frame, grid.box, pixels), counts)
-        tiles: list[tuple[Tensor, Tensor]] = []
+        tiles: list[Tile] = []
         with unrecorded():
             region = Region(frame, part, pixels, signed_radius, hidden, beyond)
             numbers = range(len(part.tiles))
             for tile in threaded(recomputed(region.tile), numbers, threads // at_once):
                 tiles.append(tile)
-                told(1)
+                told(grid.box, 1)
         rest = len(grid.tiles) - len(part.tiles)
-        told(rest)
         rows = _among_copies(frame, grid.box, part, tiles, pixels)
         made, trust = (joined([[one[kind] for one in row] for row in rows]) for kind in (0, 1))
         counts = counts_of_copies(frame, grid.box.area - part.box.area, rest)
-        return Finished(grid.box, made, trust, added(region.counts(), counts))
+        return Finished(grid.box, made, trust, added(region.counts(tiles), counts))
 
-    return threaded(recomputed(computed), grids, at_once)
+    def handed_over() -> Iterator[Finished]:
+        parts = threaded(recomputed(computed), grids, at_once, last=last)
+        for grid, part in zip(grids, parts, strict=False):  # none, where they are not wanted
+            # copies, and what another process did
+            told(grid.box, len(grid.tiles) - told_of[grid.box])
+            yield part
+
+    return handed_over()
 
 
 def _among_copies(
-    frame: Frame, whole: Box, part: Grid, tiles: list[tuple[Tensor, Tensor]], pixels: Pixels
+    frame: Frame, whole: Box, part: Grid, tiles: Sequence[Tile], pixels: Pixels
 ) -> list[list[tuple[Tensor, Tensor]]]:
     """Rows of images and trust of a rectangle: the tiles of a part, and the rest as it was."""
     down, across = (
@@ -113,7 +122,8 @@ def _among_copies(
     made = []
     for first in range(0, len(tiles), part.columns):
         before, after = (copied(part.tiles[first].sides[0], columns) for columns in across)
-        made.append([*before, *tiles[first : first + part.columns], *after])
+        row = [(tile.images, tile.trust) for tile in tiles[first : first + part.columns]]
+        made.append([*before, *row, *after])
     return [row for row in (above, *made, below) if row]
 
 

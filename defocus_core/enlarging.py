@@ -84,7 +84,8 @@ class Enlarging:
                 for top in range(done, ready, _TILE[0])
                 for left in range(0, width, _TILE[1])
             ]
-            for part in threaded(recomputed(partial(self._tile, cells)), tiles, self._threads):
+            tile = recomputed(partial(self._tile, cells))
+            for part in threaded(tile, tiles, self._threads, last=True):
                 yield part._replace(counts=counts)
                 counts = {}
             done, kept = ready, [cells.rows(ready - _AROUND, cells.end)]

@@ -6,6 +6,9 @@ of the aperture. Hidden layers fill only what visible ones leave, but in focus, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -37,6 +40,20 @@ _AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
 # Gaps between visible surfaces, as a share of the slopes that are neglected, that may be but errors
 # of depth in few levels: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
 _DOUBT = 0.5
+
+
+class Tile(NamedTuple):
+    """A tile that is composited.
+
+    Attributes:
+        images: The centre, or centre, left and right: [1 or 3, C, h, w].
+        trust: [1, 1, h, w].
+        culled: Which of the hidden layers that reach it were not needed.
+    """
+
+    images: Tensor
+    trust: Tensor
+    culled: tuple[int, ...]
 
 
 class Region:
@@ -94,7 +111,6 @@ class Region:
         places = position(signed_radius, frame.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         # nothing is invented where something is known
-        self._culled: set[tuple[int, int]] = set()
         self._known: Filling | None = None
         self._invented: list[Filling] = []
         if beyond is not None:
@@ -156,16 +172,16 @@ class Region:
             return None
         return Filling(self._frame, self._grid, self._inner, hidden, slices)
 
-    def tile(self, index: int) -> tuple[Tensor, Tensor]:
-        """Of one tile the centre, or the centre, left and right, [1 or 3, C, h, w], and trust."""
+    def tile(self, index: int) -> Tile:
+        """One of its tiles."""
         frame = self._frame
-        fronts = self._fronts(index)
+        fronts, culled = self._fronts(index)
         moved = fronts.moved
         whole, *halves = self._lit(fronts.seen, index)
         trust = self._trust(whole[:, -1], fronts.invented, index)
         centre = picture(whole, frame.weights[: frame.centre], signed=frame.signed)
         if not frame.left_right:
-            return centre[None], trust
+            return Tile(centre[None], trust, culled)
         both = halves[0] if halves else whole
         if moved is not None:
             both = add_light(both, moved)
@@ -174,7 +190,7 @@ class Region:
         left = picture(both[:cut], frame.weights[first : first + cut])
         right = picture(both[cut:], frame.weights[first + cut :])
         pair = pair_of(centre, left, right, signed=frame.signed)
-        return torch.cat([centre[None], pair]), trust
+        return Tile(torch.cat([centre[None], pair]), trust, culled)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, index: int) -> Tensor:
         """The share of the aperture that saw the scene, [1, 1, h, w].
@@ -197,8 +213,8 @@ class Region:
         weights = parts.new_tensor(self._frame.weights[: self._frame.centre])[:, None, None]
         return (parts * weights).sum(0) / weights.sum()
 
-    def _fronts(self, index: int) -> Fronts:
-        """What the parts of the aperture see of a tile."""
+    def _fronts(self, index: int) -> tuple[Fronts, tuple[int, ...]]:
+        """What the parts of the aperture see of a tile, and what was not needed for that."""
         frame = self._frame
         doubt = _DOUBT * frame.quality.least_slope if frame.mending.terraces else None
         visible = self._blur.over_tile(self._visible, index)
@@ -206,15 +222,15 @@ class Region:
         size = self._tiles[index][2:]
         blank = [layer.new_zeros(*layer.shape[:2], *size) for layer in firsts]
         fronts = Fronts(blank, self._full(index), doubt)
-        hidden = [
-            Layer(some, some is self._known)
-            for some in (self._known, *self._invented)
-            if some and some.plan[index]
-        ]
+        reaching = [i for i, some in enumerate(self._hidden) if some.plan[index]]
+        hidden = [Layer(self._hidden[i], self._hidden[i] is self._known) for i in reaching]
         needed = add_in_order(fronts, visible, hidden, frame, index)
-        left = (some for i, (some, _) in enumerate(hidden) if i not in needed)
-        self._culled |= {(id(some), index) for some in left}
-        return fronts
+        return fronts, tuple(layer for i, layer in enumerate(reaching) if i not in needed)
+
+    @property
+    def _hidden(self) -> list[Filling]:
+        """What is known to lie behind, and what is invented."""
+        return [some for some in (self._known, *self._invented) if some]
 
     def _lit(self, seen: list[Tensor], index: int) -> list[Tensor]:
         """The same with highlights."""
@@ -238,16 +254,16 @@ class Region:
         here = tile.seen_from(self._tiles[0])
         return [here.of(share) for share in self._in_frame]
 
-    def counts(self) -> dict[str, int]:
-        """What was computed, out of what a renderer that skips nothing would."""
-        tiles, hidden = len(self._tiles), [some for some in (self._known, *self._invented) if some]
+    def counts(self, made: Sequence[Tile]) -> dict[str, int]:
+        """What was computed for all its tiles, out of what a renderer that skips nothing would."""
+        tiles, hidden = len(self._tiles), self._hidden
         visible = self._visible.surface.plan
         planned = [[self._frame.windows[rung] for rung in rungs] for rungs in visible]
         behind = [
             [(some.windows[rung], some.halvings) for rung in rungs]
-            for some in hidden
-            for index, rungs in enumerate(some.plan)
-            if (id(some), index) not in self._culled
+            for layer, some in enumerate(hidden)
+            for rungs, tile in zip(some.plan, made, strict=True)
+            if layer not in tile.culled
         ]
         work = [(window, window.halvings) for windows in planned for window in windows]
         work += [(window, more + window.halvings) for some in behind for window, more in some]
@@ -272,6 +288,6 @@ class Region:
             "slice_tiles_culled": culled,
             "layer_pixels": sum(tile.area * len(some) for some, tile in layers),
             "layer_pixels_done": sum(piece.patch.seen.area for some, _ in layers for piece in some),
-            "tiles_culled": len({index for _, index in self._culled}),
+            "tiles_culled": sum(1 for tile in made if tile.culled),
             "tiles_with_hidden": sum(1 for rungs in invented if rungs),
         }

@@ -1,0 +1,124 @@
+"""A second process that renders the same picture, so that both do half of it.
+
+Threads of one process hand the interpreter to and fro at each of the many short steps of a tile. So
+a copy of the process does what the process does, in the same order, from the same numbers; but of
+the pieces of work that are shared out each is done by one of them, and sent to the other. Whatever
+becomes of the helper, the picture is the same: what it does not deliver is done without it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import socket
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import NoReturn
+
+from defocus_cli import memory
+from defocus_cli.errors import reason
+from defocus_cli.sharing import Claims, Member
+
+_KIB = 2**10
+# Pixels of the least picture that is worth a second process.
+_HELPED = 1 << 19
+
+
+@dataclass
+class Helper:
+    """What became of a helper; known after its block.
+
+    Attributes:
+        lost: why it did not do its part; empty if it did.
+        cpu_seconds: that it computed.
+        grown_mb: what it held at most beyond what it began with.
+    """
+
+    lost: str = ""
+    cpu_seconds: float = 0.0
+    grown_mb: float = 0.0
+
+
+def can_help() -> bool:
+    """Whether this system copies processes, and lets two see the same memory."""
+    return sys.platform == "linux" and hasattr(os, "memfd_create")
+
+
+def is_helped(threads: int, device: str, size: Sequence[int]) -> bool:
+    """Whether a second process is of use for a picture of (height, width) px."""
+    return threads > 1 and device == "cpu" and math.prod(size) >= _HELPED and can_help()
+
+
+@contextmanager
+def helped(work: Callable[[], object], *, wanted: bool = True) -> Iterator[Helper]:
+    """In the block, what is shared out is shared with a process that does `work` meanwhile.
+
+    Args:
+        work: the same as the block, but for what is done with the results.
+        wanted: whether there is such a process at all.
+    """
+    from defocus_core.threads import shared
+
+    if not wanted:
+        yield Helper()
+        return
+    here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    claims, helper = Claims(), Helper()
+    try:
+        with warnings.catch_warnings():  # Python 3.12 warns of other threads: it needs none of them
+            warnings.simplefilter("ignore", DeprecationWarning)
+            process = os.fork()
+    except OSError as error:
+        for each in (here, there, claims):
+            each.close()
+        yield Helper(lost=f"could not begin: {reason(error)}")
+        return
+    if process == 0:
+        here.close()
+        _help(work, there, claims)
+    held_mb = memory.held_mb(process=process)  # not all that this one holds
+    there.close()
+    member = Member(here, claims, helps=False)
+    try:
+        with shared(member.share):
+            yield helper
+    finally:
+        early = member.alone
+        os.kill(process, signal.SIGKILL)
+        _, status, used = os.wait4(process, 0)
+        member.close()
+        claims.close()
+        helper.cpu_seconds = used.ru_utime + used.ru_stime
+        helper.grown_mb = max(0.0, used.ru_maxrss * _KIB / memory.MB - held_mb)
+        if member.stuck:
+            helper.lost = "did not answer"
+        elif early and status:
+            helper.lost = _ending(status)
+
+
+def _help(work: Callable[[], object], channel: socket.socket, claims: Claims) -> NoReturn:
+    """What the helper does; the process ends with it."""
+    from defocus_core.threads import shared
+
+    code = 1
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches both, and the other ends this one
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if callable(signal.getsignal(number)):
+                signal.signal(number, signal.SIG_DFL)
+        with shared(Member(channel, claims, helps=True).share):
+            work()
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def _ending(status: int) -> str:
+    """How a process ended that should not have."""
+    if os.WIFSIGNALED(status):
+        return f"was ended by {signal.Signals(os.WTERMSIG(status)).name}"
+    return "failed"
