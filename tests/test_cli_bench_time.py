@@ -17,9 +17,8 @@ from defocus_cli.bench_options import Times
 from defocus_cli.bench_scaling import exponents
 from defocus_cli.bench_time import KINDS, OUTPUTS, Case, Timing, cases
 from defocus_cli.bench_time_table import record
-from defocus_core import render as core_render
+from defocus_cli.scene_rendering import Rendered, rendered_scene
 from defocus_core import scenery
-from defocus_core.render import Rendering
 
 TINY = ("--sizes", "32x24", "--radii", "2", "--repeat", "1")
 
@@ -70,11 +69,11 @@ def test_a_pair_is_rendered_where_it_is_asked_for(
 ) -> None:
     asked = []
 
-    def spy(*args: Any, **settings: Any) -> Rendering:
+    def spy(*args: Any, **settings: Any) -> Rendered:
         asked.append(settings["left_right"])
-        return core_render(*args, **settings)
+        return rendered_scene(*args, **settings)
 
-    monkeypatch.setattr("defocus_core.render", spy)
+    monkeypatch.setattr(bench_time, "rendered_scene", spy)
     case = Case("floor", (32, 24), 2.0, "draft", outputs)
     bench_time.measure(case, device="cpu", threads=1, repeat=1)
     assert asked == [left_right]
