@@ -75,6 +75,7 @@ _USUAL_BYTES = {
     **{"discs": 1.2, "result": 1.5, "tile": 2.0, "cells": 1.5},
 }
 _TRUST = 0.2  # in that, where a scene has 1
+_FORK = 1e-2  # seconds for each frame, where a second process is made to help
 
 
 @dataclass(frozen=True)
@@ -172,8 +173,9 @@ def measured(device: str, threads: int) -> Calibration:
             peaks.append(max(peak for _, peak in took) - kept_mb)
     loads = [_loads(each, threads) for each in plans]
     held = [_bytes(each, threads, threads, helped=shared) for each in plans]
+    usual_seconds = {**_USUAL_SECONDS, "frame": _FORK} if shared else _USUAL_SECONDS
     return Calibration(
-        _fitted(loads, seconds, _USUAL_SECONDS),
+        _fitted(loads, seconds, usual_seconds),
         _fitted(held, [max(peak, _LEAST_MB) * memory.MB for peak in peaks], _USUAL_BYTES),
         threads,
     )
