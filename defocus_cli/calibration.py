@@ -43,6 +43,7 @@ _SCENES = (
     ("floor", 256, 256, 24.0, "standard", False),
     ("floor", 384, 256, 96.0, "standard", False),
     ("floor", 384, 256, 10.0, "standard", True),
+    ("floor", 1920, 1080, 12.0, "standard", False),
     ("cards", 128, 128, 24.0, "high", False),
     ("cards", 768, 512, 10.0, "draft", False),
     ("cards", 384, 256, 96.0, "standard", False),
@@ -57,6 +58,7 @@ _SCENES = (
     ("most", 256, 256, 64.0, "standard", False),
     ("most", 384, 256, 24.0, "high", False),
     ("most", 1408, 832, 3.0, "standard", True),
+    ("most", 1920, 1080, 48.0, "standard", False),
     ("most", 576, 384, 64.0, "standard", False),
 )
 _REPEATS = 2  # the faster counts: a machine is never faster than it is

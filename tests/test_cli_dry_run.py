@@ -21,7 +21,7 @@ from command_line import (
     texture,
 )
 
-from defocus_cli import calibration, engine, forecast, memory, sizing
+from defocus_cli import budget, calibration, engine, forecast, memory, sizing
 from defocus_cli.calibration import Calibration
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.made import Outcome
@@ -127,6 +127,7 @@ def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path: Path) 
 
 def large(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, **needed: float) -> Outcome:
     """A job, on a machine whose memory is 100 MB, that needs so much with some settings."""
+    budget.limit_mb(Machine())  # kept for the tests that come later
     monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
     monkeypatch.setattr(sizing, "_most_mb", lambda *_: 1e9)
 
