@@ -9,9 +9,11 @@ becomes of the helper, the picture is the same: what it does not deliver is done
 from __future__ import annotations
 
 import math
+import mmap
 import os
 import signal
 import socket
+import struct
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +27,8 @@ from defocus_cli.sharing import Claims, Member
 
 _KIB = 2**10
 # Pixels of the least picture that is worth a second process.
-_HELPED = 1 << 19
+_HELPED = 1 << 20
+_NUMBER = struct.Struct("d")
 
 
 @dataclass
@@ -68,19 +71,20 @@ def helped(work: Callable[[], object], *, wanted: bool = True) -> Iterator[Helpe
         return
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     claims, helper = Claims(), Helper()
+    begun_mb = mmap.mmap(-1, _NUMBER.size)  # of the helper, seen by both
+    _NUMBER.pack_into(begun_mb, 0, math.inf)
     try:
         with warnings.catch_warnings():  # Python 3.12 warns of other threads: it needs none of them
             warnings.simplefilter("ignore", DeprecationWarning)
             process = os.fork()
     except OSError as error:
-        for each in (here, there, claims):
+        for each in (here, there, claims, begun_mb):
             each.close()
         yield Helper(lost=f"could not begin: {reason(error)}")
         return
     if process == 0:
         here.close()
-        _help(work, there, claims)
-    held_mb = memory.held_mb(process=process)  # not all that this one holds
+        _help(work, there, claims, begun_mb)
     there.close()
     member = Member(here, claims, helps=False)
     try:
@@ -93,19 +97,24 @@ def helped(work: Callable[[], object], *, wanted: bool = True) -> Iterator[Helpe
         member.close()
         claims.close()
         helper.cpu_seconds = used.ru_utime + used.ru_stime
+        (held_mb,) = _NUMBER.unpack_from(begun_mb)
         helper.grown_mb = max(0.0, used.ru_maxrss * _KIB / memory.MB - held_mb)
+        begun_mb.close()
         if member.stuck:
             helper.lost = "did not answer"
         elif early and status:
             helper.lost = _ending(status)
 
 
-def _help(work: Callable[[], object], channel: socket.socket, claims: Claims) -> NoReturn:
+def _help(
+    work: Callable[[], object], channel: socket.socket, claims: Claims, begun_mb: mmap.mmap
+) -> NoReturn:
     """What the helper does; the process ends with it."""
     from defocus_core.threads import shared
 
     code = 1
     try:
+        _NUMBER.pack_into(begun_mb, 0, memory.held_mb())  # not all that the other holds
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches both, and the other ends this one
         for number in (signal.SIGTERM, signal.SIGHUP):
             if callable(signal.getsignal(number)):

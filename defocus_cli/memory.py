@@ -11,7 +11,7 @@ from pathlib import Path
 
 MB = 10**6
 _KIB = 2**10
-_STATUS = "/proc/{}/status"
+_STATUS = Path("/proc/self/status")
 _MEMINFO = Path("/proc/meminfo")
 # Limit and use of the group of processes that a container is, of either generation of Linux.
 _GROUPS = (
@@ -49,19 +49,19 @@ def peak_mb(device: str = "cpu") -> float | None:
     except ImportError:  # Windows
         return None
     with suppress(OSError, ValueError, IndexError):  # Linux: can be reset
-        return _entry(Path(_STATUS.format("self")), "VmHWM:")
+        return _entry(_STATUS, "VmHWM:")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak * (1 if sys.platform == "darwin" else _KIB) / MB
 
 
-def held_mb(device: str = "cpu", process: int | None = None) -> float:
-    """What is held now, by this process or another; 0 where no system tells."""
+def held_mb(device: str = "cpu") -> float:
+    """What is held now; 0 where no system tells."""
     if device == "cuda":
         import torch
 
         return torch.cuda.memory_allocated() / MB
     with suppress(OSError, ValueError, IndexError):
-        return _entry(Path(_STATUS.format(process or "self")), "VmRSS:")
+        return _entry(_STATUS, "VmRSS:")
     return 0.0
 
 

@@ -180,4 +180,4 @@ def test_only_what_is_large_is_helped_and_only_on_a_cpu_with_threads() -> None:
     assert is_helped(2, "cpu", (1080, 1920))
     assert not is_helped(1, "cpu", (1080, 1920))
     assert not is_helped(2, "cuda", (1080, 1920))
-    assert not is_helped(2, "cpu", (270, 480))
+    assert not is_helped(2, "cpu", (720, 1280))
