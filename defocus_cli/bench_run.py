@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from defocus_cli import memory
 from defocus_cli.errors import InputError
 from defocus_cli.focusing import radius_at_infinity
-from defocus_cli.torch_threads import leave_threads_to_tiles
+from defocus_cli.process_settings import set_to_render
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -114,7 +114,7 @@ def warm_up(device: str) -> None:
 
     from defocus_core import render
 
-    leave_threads_to_tiles()
+    set_to_render()
     radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
     render(radius[None].abs(), radius)
 

@@ -24,9 +24,9 @@ from defocus_cli.errors import InputError
 from defocus_cli.files import written_whole
 from defocus_cli.fitting import nonnegative
 from defocus_cli.helper import can_help
+from defocus_cli.process_settings import set_to_render
 from defocus_cli.report import say, version
 from defocus_cli.scene_rendering import Rendered, rendered_scene
-from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
     from defocus_core.planning import Plan
@@ -159,7 +159,7 @@ def measured(device: str, threads: int) -> Calibration:
     from defocus_core.planning import plan
     from defocus_core.scenery import scenery
 
-    leave_threads_to_tiles()
+    set_to_render()
     shared = threads > 1 and device == "cpu" and can_help()
     plans, seconds, peaks = [], [], []
     for number, (kind, width, height, radius, quality, pair) in enumerate((_SCENES[-1], *_SCENES)):

@@ -16,7 +16,7 @@ from defocus_cli.focusing import radius_at_infinity, radius_map
 from defocus_cli.helper import helped
 from defocus_cli.job import IMAGE_KINDS, Job
 from defocus_cli.made import Loaded, Made, Outcome, mended_words
-from defocus_cli.torch_threads import leave_threads_to_tiles
+from defocus_cli.process_settings import set_to_render
 
 if TYPE_CHECKING:
     from defocus_core.known import Behind
@@ -47,10 +47,11 @@ def rendered(
     from defocus_core.tiling import TILE
 
     job, device = outcome.job, outcome.device
-    leave_threads_to_tiles()
+    set_to_render()
     image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
     at_once, hold, shared = fitting(outcome, image, signed, loaded.holding.room_mb)
     if at_once is not None:  # memory is short
+        memory.keep_freed(False)
         memory.trim()
     behind = _behind(loaded, outcome) if loaded.behind is not None else None
     images = _Images(job, loaded)

@@ -12,8 +12,8 @@ import click
 from defocus_cli import options, report, verify_table
 from defocus_cli.grouped import GroupedCommand
 from defocus_cli.job import Machine
+from defocus_cli.process_settings import set_to_render
 from defocus_cli.quantities import counted
-from defocus_cli.torch_threads import leave_threads_to_tiles
 
 if TYPE_CHECKING:
     from defocus_core.checks import Check, Setting
@@ -49,7 +49,7 @@ def command(machine: Machine, as_json: bool) -> int:
     from defocus_core.checks import Setting
 
     device = engine.choose_device(machine.device)
-    leave_threads_to_tiles()
+    set_to_render()
     start = time.perf_counter()
     checks = [*_watched(Setting(device, machine.quality, machine.threads))]
     seconds = time.perf_counter() - start
