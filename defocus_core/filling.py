@@ -18,7 +18,7 @@ from defocus_core.frame import FillSlices, Frame
 from defocus_core.halving import axes, halves, place_of
 from defocus_core.hidden import HiddenLayer
 from defocus_core.masks import numbers_of
-from defocus_core.resampling import cells_read, linear_shares, resampled
+from defocus_core.resampling import Shares, cells_read, linear_shares, resampled
 from defocus_core.slicing import position
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
@@ -110,7 +110,7 @@ class Filling:
         self.plan = self._sliced.surface.plan
         self.windows: list[Window] = slices.windows[:: slices.stride]
         self._octaves = slices.octaves
-        self._shares: dict[tuple[float, int, int], Tensor] = {}
+        self._shares: dict[tuple[float, int], Shares] = {}
 
     def has(self, octave: int, index: int) -> bool:
         """Whether something of it over a tile is of an octave of blur."""
@@ -135,7 +135,7 @@ class Filling:
             if not self.halvings:
                 return cells_seen
             rows, columns = (self._between(d, tile, cells, cells_seen) for d in (0, 1))
-            return resampled(cells_seen, rows * times, columns)
+            return resampled(cells_seen, rows.scaled(times), columns)
 
         return Hidden(octaves, enlarged)
 
@@ -150,10 +150,10 @@ class Filling:
         }
         return {octave: total for octave, total in found.items() if total is not None}
 
-    def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Tensor:
-        """The shares [pixels, cells] of cells in the pixels of a tile."""
+    def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Shares:
+        """The shares of cells in the pixels of a tile."""
         first = place_of(tile[dim], self._fine[dim], self._coarse[dim], self.halvings) - cells[dim]
-        key = (first, tile[dim + 2], cells[dim + 2])
+        key = (first, tile[dim + 2])
         if key not in self._shares:
             self._shares[key] = linear_shares(*key, 0.5**self.halvings, like)
         return self._shares[key]

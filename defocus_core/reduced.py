@@ -16,7 +16,7 @@ from torch import Tensor
 from defocus_core.convolution import crop_inverse, sum_of_products
 from defocus_core.halving import Axis, place_of
 from defocus_core.patches import patch_of
-from defocus_core.resampling import cubic_shares, resampled
+from defocus_core.resampling import Shares, cubic_shares, resampled
 from defocus_core.spans import Span
 from defocus_core.surface import Surface
 from defocus_core.tiling import Box
@@ -48,7 +48,7 @@ class Reduced:
             middle: Of the frame, counted likewise.
         """
         self._middle, self._halvings = middle, window.halvings
-        self._shares: dict[tuple[float, int, int], Tensor] = {}
+        self._shares: dict[tuple[float, int], Shares] = {}
         self._cells: tuple[Span, Span] | None = None
         self._groups: list[Tensor] = []
         step = 1 << window.halvings
@@ -102,7 +102,7 @@ class Reduced:
             for cells, wanted in zip(self._cells, self._read_by(shown), strict=True)
         )
         rows, columns = (
-            self._between(d, shown[d], shown[d + 2], cells, self._groups[0])
+            self._between(d, shown[d], shown[d + 2], cells.first, self._groups[0])
             for d, cells in enumerate((down, across))
         )
         some = Box.over(down, across).seen_from(Box.over(*self._cells))
@@ -132,9 +132,9 @@ class Reduced:
         first, end = (axis.middle + math.ceil((cell - origin) * step) for cell in around)
         return Span(first, end)
 
-    def _between(self, dim: int, start: int, length: int, cells: Span, like: Tensor) -> Tensor:
-        """The shares [pixels, cells] of cells in pixels; most tiles have the same."""
-        key = (self._place(dim, start) - cells.first, length, cells.length)
+    def _between(self, dim: int, start: int, length: int, cell: int, like: Tensor) -> Shares:
+        """The shares of cells, from one on, in pixels; most tiles have the same."""
+        key = (self._place(dim, start) - cell, length)
         if key not in self._shares:
             self._shares[key] = cubic_shares(*key, 0.5**self._halvings, like)
         return self._shares[key]

@@ -3,51 +3,95 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.halving import Axis, place_of
 from defocus_core.tiling import Box
 
+# Cells from one block of pixels to the next: products with larger ones are mostly with zeros.
+_STRIDE = 8
 
-def cubic_shares(first: float, pixels: int, cells: int, step: float, like: Tensor) -> Tensor:
-    """The shares [pixels, cells] of cells in pixels: the cubic of Keys 1981 with a = -1/2.
+
+class Shares(NamedTuple):
+    """The shares of cells in pixels along an axis, in blocks of pixels that all have the same.
+
+    Attributes:
+        block: [P, K], of K cells in the P pixels of a block.
+        lead: The first cell of the first block; cells that are not there are 0.
+        pixels: How many there are.
+    """
+
+    block: Tensor
+    lead: int
+    pixels: int
+
+    def scaled(self, times: float) -> Shares:
+        """Those of cells so many times as bright."""
+        return self._replace(block=self.block * times)
+
+
+def cubic_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
+    """The cubic of Keys 1981 with a = -1/2.
 
     Args:
         first: Where the first pixel lies, counted in cells from the first of these.
         pixels: How many there are.
-        cells: The same.
-        step: Cells from one pixel to the next.
+        step: Cells from one pixel to the next, a power of a half.
         like: Of the dtype and device of the result.
     """
-    away = _away(first, pixels, cells, step, like)
+    away, lead = _away(first, pixels, step, 2, like)
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2
-    return torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
+    return Shares(torch.where(away < 1, near, torch.where(away < 2, far, 0.0)), lead, pixels)
 
 
-def linear_shares(first: float, pixels: int, cells: int, step: float, like: Tensor) -> Tensor:
+def linear_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
     """The same by tents: nothing overshoots beside an edge."""
-    return (1 - _away(first, pixels, cells, step, like)).clamp(min=0)
+    away, lead = _away(first, pixels, step, 1, like)
+    return Shares((1 - away).clamp(min=0), lead, pixels)
 
 
-def _away(first: float, pixels: int, cells: int, step: float, like: Tensor) -> Tensor:
-    """How many cells each pixel is away from each cell: [pixels, cells]."""
-    place = torch.arange(pixels, dtype=like.dtype, device=like.device) * step + first
+def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:
+    """How many cells each pixel of a block is away from each within reach, and the first of these.
+
+    In blocks whose first pixels are whole numbers of cells apart that is the same.
+    """
+    block = min(pixels, round(_STRIDE / step))
+    lead = math.floor(first) - reach + 1
+    place = torch.arange(block, dtype=like.dtype, device=like.device) * step + (first - lead)
+    cells = math.floor(first - lead + (block - 1) * step) + reach + 1
     number = torch.arange(cells, dtype=like.dtype, device=like.device)
-    return (place[:, None] - number).abs()
+    return (place[:, None] - number).abs(), lead
 
 
-def resampled(values: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Cells [..., h, w] read in pixels [..., H, W] by shares [H, h] and [W, w].
+def resampled(values: Tensor, rows: Shares, columns: Shares) -> Tensor:
+    """Cells [..., h, w] read in pixels [..., H, W].
 
     Not in fewer bits than they have, whatever torch may round products to: TensorFloat32 or
     bfloat16 (`torch.set_float32_matmul_precision`), too coarse for a picture.
     """
-    if values.dtype != torch.float32 or not _products_are_rounded():
-        return rows @ values @ columns.mT
-    return (rows.double() @ values.double() @ columns.double().mT).float()
+    if values.dtype == torch.float32 and _products_are_rounded():
+        double = (shares._replace(block=shares.block.double()) for shares in (rows, columns))
+        return resampled(values.double(), *double).float()
+    across = _blocks(values, columns, -1)  # [..., h, n, K]
+    found = across.reshape(-1, across.shape[-1]) @ columns.block.mT
+    found = found.view(*across.shape[:-2], -1)[..., : columns.pixels]
+    down = _blocks(found, rows, -2).mT  # [..., n, K, W]
+    return (rows.block @ down).flatten(-3, -2)[..., : rows.pixels, :]
+
+
+def _blocks(values: Tensor, shares: Shares, dim: int) -> Tensor:
+    """The cells of each block, along a new axis at the end; one of the last two becomes blocks."""
+    block, cells = shares.block.shape
+    needed = (-(-shares.pixels // block) - 1) * _STRIDE + cells
+    missing = (-shares.lead, shares.lead + needed - values.shape[dim])
+    if any(missing):
+        values = pad(values, missing if dim == -1 else (0, 0, *missing))
+    return values.unfold(dim, cells, _STRIDE)
 
 
 def _products_are_rounded() -> bool:
