@@ -80,6 +80,7 @@ def carried(work: Callable[[T], R]) -> Callable[[T], R]:
     gradient, inference = torch.is_grad_enabled(), torch.is_inference_mode_enabled()
 
     def in_modes(piece: T) -> R:
+        torch.get_num_threads()  # before that a new thread transforms with those of all cores
         with torch.inference_mode(inference), torch.set_grad_enabled(gradient):
             return work(piece)
 
