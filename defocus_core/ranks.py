@@ -17,12 +17,15 @@ _BITS = 16
 
 
 def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
-    """How many numbers have which next 16 bits, of those whose first ones are known: [2^16].
+    """How many numbers have which next 16 bits, of those whose first ones are known.
 
     Args:
         values: Any shape.
         prefix: The first bits.
         level: How many times 16 they are.
+
+    Returns:
+        [2^16], or [2^15] of the first bits, one of which is that of the sign.
     """
     whole = values.dtype.itemsize * 8
     positive = values.clamp(min=0).abs_()  # not even -0
@@ -32,7 +35,7 @@ def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
     digits = bits >> (whole - _BITS * (level + 1))
     if level:
         digits &= (1 << _BITS) - 1
-    return torch.bincount(digits, minlength=1 << _BITS)
+    return torch.bincount(digits, minlength=1 << (_BITS if level else _BITS - 1))
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Ranks:
     """Numbers, of which any rank can be had.
 
     Attributes:
-        counts: Of their first 16 bits, as `counted` has them: [2^16].
+        counts: Of their first 16 bits, as `counted` has them: [2^15].
         again: Goes through all of them once more.
         dtype: Of the numbers, of 32 or 64 bits.
     """

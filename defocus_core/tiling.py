@@ -21,7 +21,7 @@ TILE = 192
 # Px on a side of the blocks in which the presence of slices is recorded.
 BLOCK = 16
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
-_REGION = 1152
+_REGION = 960
 # Margins of light from outside may enlarge a region by so much on each side, as a share of it.
 _MARGIN = 0.15
 # Blocks that are counted at once: bounds memory.
