@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from defocus_cli import memory
 from defocus_cli.accuracy import quality_of
 from defocus_cli.arrays import IN_MEMORY, Keeping
 from defocus_cli.budget import base_mb, capacity_mb, holding
@@ -104,6 +105,7 @@ def write(made: Made) -> Outcome:
 
 def load() -> None:
     """Import what takes seconds to import."""
+    memory.keep_freed(True)  # what is read leaves room for what is rendered
     with put_off(), imports():
         import torch  # noqa: F401
 

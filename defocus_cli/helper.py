@@ -16,7 +16,8 @@ import socket
 import struct
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NoReturn
@@ -26,8 +27,9 @@ from defocus_cli.errors import reason
 from defocus_cli.sharing import Claims, Member
 
 _KIB = 2**10
-# Pixels of the least picture that is worth a second process.
-_HELPED = 1 << 20
+# Pixels of the least picture that is worth a second process: of more than two threads, which wait
+# for each other longer, and of two.
+_HELPED, _HELPED_OF_TWO = 1 << 20, 1 << 22
 _NUMBER = struct.Struct("d")
 
 
@@ -53,15 +55,16 @@ def can_help() -> bool:
 
 def is_helped(threads: int, device: str, size: Sequence[int]) -> bool:
     """Whether a second process is of use for a picture of (height, width) px."""
-    return threads > 1 and device == "cpu" and math.prod(size) >= _HELPED and can_help()
+    least = _HELPED if threads > 2 else _HELPED_OF_TWO
+    return threads > 1 and device == "cpu" and math.prod(size) >= least and can_help()
 
 
 @contextmanager
-def helped(work: Callable[[], object], *, wanted: bool = True) -> Iterator[Helper]:
+def helped(work: Callable[[], Iterable[object]], *, wanted: bool = True) -> Iterator[Helper]:
     """In the block, what is shared out is shared with a process that does `work` meanwhile.
 
     Args:
-        work: the same as the block, but for what is done with the results.
+        work: the same as the block, but for what is done with the results; these are gone through.
         wanted: whether there is such a process at all.
     """
     from defocus_core.threads import shared
@@ -73,6 +76,7 @@ def helped(work: Callable[[], object], *, wanted: bool = True) -> Iterator[Helpe
     claims, helper = Claims(), Helper()
     begun_mb = mmap.mmap(-1, _NUMBER.size)  # of the helper, seen by both
     _NUMBER.pack_into(begun_mb, 0, math.inf)
+    memory.trim()  # what is free would be copied, and not be counted as what the helper took
     try:
         with warnings.catch_warnings():  # Python 3.12 warns of other threads: it needs none of them
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -107,7 +111,10 @@ def helped(work: Callable[[], object], *, wanted: bool = True) -> Iterator[Helpe
 
 
 def _help(
-    work: Callable[[], object], channel: socket.socket, claims: Claims, begun_mb: mmap.mmap
+    work: Callable[[], Iterable[object]],
+    channel: socket.socket,
+    claims: Claims,
+    begun_mb: mmap.mmap,
 ) -> NoReturn:
     """What the helper does; the process ends with it."""
     from defocus_core.threads import shared
@@ -120,7 +127,7 @@ def _help(
             if callable(signal.getsignal(number)):
                 signal.signal(number, signal.SIG_DFL)
         with shared(Member(channel, claims, helps=True).share):
-            work()
+            deque(work(), 0)
         code = 0
     finally:
         os._exit(code)

@@ -23,7 +23,7 @@ _GROUPS = (
 )
 
 # Settings of glibc's allocator by number, and bytes: mallopt(3), malloc.h.
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 _LARGEST, _FOREVER = 2**25, 2**31 - 1
 
 
@@ -99,8 +99,10 @@ def keep_freed(keep: bool) -> None:
 
     Where it does not, it hands back what ends its heap beyond the most that it comes to by itself,
     and what is taken next is taken from the system page by page: 3 to 10 % of the time of a
-    picture. What is as large as _LARGEST is handed back anyhow.
+    picture. What is as large as _LARGEST is handed back anyhow. And threads begun later take from
+    one heap: what one of them sets free another can have, and a new one finds it.
     """
+    _glibc("mallopt", _M_ARENA_MAX, 1)
     _glibc("mallopt", _M_MMAP_THRESHOLD, _LARGEST)
     _glibc("mallopt", _M_TRIM_THRESHOLD, _FOREVER if keep else 2 * _LARGEST)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
@@ -58,17 +58,13 @@ def rendered(
     warnings: list[str] = []
     wall, cpu = time.perf_counter(), time.process_time()
     tile = job.machine.tile
-
-    def alike() -> None:
-        stream = _stream(outcome, image, signed, behind, tile, hold, None)
-        deque(stream.regions(at_once), 0)
-
     while True:
         images.clamped.clear()
         try:
+            stream = _stream(outcome, image, signed, behind, tile, hold)
+            alike = partial(stream.regions, at_once)
             with helped(alike, wanted=shared) as helper:
-                stream = _stream(outcome, image, signed, behind, tile, hold, progress)
-                for part in stream.regions(at_once):
+                for part in alike(progress):
                     images.take(part)
             break
         except torch.OutOfMemoryError:
@@ -108,7 +104,6 @@ def _stream(
     behind: Behind | None,
     tile: int | None,
     hold: bool,
-    progress: Progress | None,
 ) -> Stream:
     from defocus_core import Aperture
     from defocus_core.stream import Stream
@@ -125,7 +120,6 @@ def _stream(
         tile=tile,
         infinity=radius_at_infinity(lens, outcome.size),
         hold=hold,
-        progress=progress,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
 from defocus_cli.helper import Helper, helped
@@ -11,7 +10,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from defocus_core.scenery import Scenery
-    from defocus_core.stream import Stream
 
 
 class Rendered(NamedTuple):
@@ -42,18 +40,15 @@ def rendered_scene(
     """
     from defocus_core.stream import Stream
 
-    def stream_of() -> Stream:
-        return Stream(
-            scene.image,
-            scene.signed_radius,
-            quality=quality,
-            left_right=left_right,
-            threads=threads,
-        )
-
-    with helped(lambda: deque(stream_of().regions(), 0), wanted=shared) as helper:
+    stream = Stream(
+        scene.image,
+        scene.signed_radius,
+        quality=quality,
+        left_right=left_right,
+        threads=threads,
+    )
+    with helped(stream.regions, wanted=shared) as helper:
         pictures = scene.image.new_empty(3 if left_right else 1, *scene.image.shape)
-        stream = stream_of()
         for part in stream.regions():
             made = [x for x in (part.render, part.left, part.right) if x is not None]
             for picture, some in zip(pictures, made, strict=True):

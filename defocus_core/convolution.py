@@ -84,8 +84,10 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
     """
     size = kernels.shape[-1]
     padded = torch.nn.functional.pad(kernels, (0, window[1] - size, 0, window[0] - size))
-    spectra: Tensor = torch.fft.rfft2(padded.roll((-(size // 2), -(size // 2)), (-2, -1)))
-    return spectra
+    centred = padded.roll((-(size // 2), -(size // 2)), (-2, -1))
+    # one at a time: what is transformed together decides about last digits on some processors
+    spectra = torch.stack([torch.fft.rfft2(one) for one in centred.reshape(-1, *window)])
+    return spectra.view(*kernels.shape[:-2], *spectra.shape[-2:])
 
 
 def _lens_points(radius: Tensor, extent: int) -> Tensor:

@@ -65,7 +65,6 @@ class Stream:
         tile: int | None = None,
         infinity: float | None = None,
         hold: bool = False,
-        progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Look at the picture as a whole.
 
@@ -81,7 +80,6 @@ class Stream:
             infinity: As for `render`.
             hold: Whether there is room for the cells of a draft, a third of the picture in float32;
                 else those of a large one are made again wherever they are looked at.
-            progress: As for `render`.
 
         Raises:
             ValueError: If shapes do not match, or a number is not finite.
@@ -104,7 +102,7 @@ class Stream:
                 f"hidden must be color, signed_radius and mask of {shape}, {size} and {size}, got "
                 f"{[tuple(of.shape) for of in known]}; leave it out where nothing is known"
             )
-        self._dtype, self._progress = torch.promote_types(image.dtype, torch.float32), progress
+        self._dtype = torch.promote_types(image.dtype, torch.float32)
         self._counts: list[dict[str, int]] = []
         self._device = image.device
         with torch.no_grad(), own_modes(image.device):
@@ -124,17 +122,22 @@ class Stream:
         self.frame: Frame = self._picture.frame
         self.mending: Mending = self._picture.mending
 
-    def regions(self, at_once: int | None = None) -> Iterator[Rendered]:
+    def regions(
+        self,
+        at_once: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Iterator[Rendered]:
         """Compute them.
 
         Args:
             at_once: How many at once at most: bounds memory. None for as many as threads.
+            progress: As for `render`.
         """
         at_once = None if at_once is None else whole("at_once", at_once, "None is as threads")
         self._counts.clear()
         # not around the loop: the mode would be that of whoever takes the regions, too
         with torch.no_grad():
-            parts = self._picture.parts(at_once=at_once, progress=self._progress)
+            parts = self._picture.parts(at_once=at_once, progress=progress)
         while True:
             with torch.no_grad(), own_modes(self._device):
                 part = next(parts, None)

@@ -35,6 +35,7 @@ def frame(tmp_path: Path) -> list[Path]:
 @pytest.fixture(autouse=True)
 def small_is_large(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(helper, "_HELPED", 0)
+    monkeypatch.setattr(helper, "_HELPED_OF_TWO", 0)
     monkeypatch.setattr(tiling, "_REGION", 64)
 
 
@@ -172,7 +173,7 @@ def test_where_memory_is_short_threads_do_it(
 SLOWLY = """
 import os, sys, time
 from defocus_cli import helper, sharing
-helper._HELPED = 0
+helper._HELPED_OF_TWO = 0
 done = sharing.Member._done
 def slowly(self, work, piece):
     os.write(1, b"%d\\n" % os.getpid())

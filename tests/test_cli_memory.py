@@ -289,10 +289,10 @@ def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[tuple[Any,
     tried: list[tuple[Any, Any]] = []
     true_regions = stream.Stream.regions
 
-    def regions(self: stream.Stream, at_once: int | None = None) -> Any:
+    def regions(self: stream.Stream, at_once: int | None = None, progress: Any = None) -> Any:
         side = self.frame.grid.side
         tried.append((side, at_once))
-        parts = true_regions(self, at_once)
+        parts = true_regions(self, at_once, progress)
         if side > fits:
             yield next(parts)
             raise torch.OutOfMemoryError

@@ -33,7 +33,7 @@ def all_of(
     def calls() -> Iterator[tuple[int, int]]:
         return threaded(work, range(count), threads, last=last)
 
-    with helped(lambda: list(calls())) as helper:
+    with helped(calls) as helper:
         found = list(calls())
     return found, helper
 
@@ -152,7 +152,7 @@ def test_a_block_leaves_no_process() -> None:
     known = set(children())
     for error in (None, KeyboardInterrupt):
         try:
-            with helped(lambda: time.sleep(100)):
+            with helped(lambda: [time.sleep(100)]):
                 assert len(set(children()) - known) == 1
                 if error:
                     raise error
@@ -177,7 +177,9 @@ def test_what_it_used_is_told() -> None:
 
 
 def test_only_what_is_large_is_helped_and_only_on_a_cpu_with_threads() -> None:
-    assert is_helped(2, "cpu", (1080, 1920))
-    assert not is_helped(1, "cpu", (1080, 1920))
-    assert not is_helped(2, "cuda", (1080, 1920))
-    assert not is_helped(2, "cpu", (720, 1280))
+    assert is_helped(2, "cpu", (2160, 3840))
+    assert not is_helped(1, "cpu", (2160, 3840))
+    assert not is_helped(2, "cuda", (2160, 3840))
+    assert not is_helped(2, "cpu", (1080, 1920))
+    assert is_helped(3, "cpu", (1080, 1920))
+    assert not is_helped(3, "cpu", (720, 1280))

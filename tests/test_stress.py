@@ -170,7 +170,8 @@ def test_mirrored_scenes_are_mirrored_pictures(
     centre, left, right = (x.flip(dim) for x in mirrored)
     pair = (right, left) if dim == -1 else (left, right)
     # a pixel's share of the pupil, 1 / π r², is a difference of areas of order one
-    tolerance = 10 * RENDERED[torch.float64] + 1e-16 * float(radius.abs().max()) ** 2
+    rounding = torch.finfo(torch.float64).eps * float(radius.abs().max()) ** 2
+    tolerance = 10 * RENDERED[torch.float64] + rounding
     for one, other in zip(pictures, (centre, *pair), strict=True):
         assert worst(one, other) < tolerance
 
