@@ -5,14 +5,13 @@ Methods are the qualities of the renderer and the baselines it has to beat.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from statistics import median
 from typing import TYPE_CHECKING
 
 from defocus_cli import memory
 from defocus_cli.errors import InputError
+from defocus_cli.fft_unit import FftUnit, timed
 from defocus_cli.focusing import radius_at_infinity
 from defocus_cli.process_settings import set_to_render
 
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from defocus_core.metrics import Errors
 
 BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}
-_PROBES = 7  # transforms whose median time is the unit
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ def measure_shot(
 
     sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
     try:
-        unit = fft_unit(sharp)
+        unit = FftUnit(sharp).seconds()
         for method in methods:
             work = _work(method, shot, sharp, radius, threads)
             memory.reset_peak(device)
@@ -117,43 +115,3 @@ def warm_up(device: str) -> None:
     set_to_render()
     radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
     render(radius[None].abs(), radius)
-
-
-def fft_unit(image: Tensor) -> float:
-    """Seconds of one transform there and back of a frame of the image's size, RGBA float32.
-
-    Of one thread, however many render: two that share it take from half as long to longer, as their
-    memory is at hand or not, and the unit would say more of that than of the machine.
-    """
-    round_trip = transform(image)
-    timed(round_trip, 1)  # plans are made once
-    return timed(round_trip, _PROBES)[1]
-
-
-def transform(image: Tensor) -> Callable[[], Tensor]:
-    """What makes the transform there and back whose time is the unit."""
-    import torch
-
-    height, width = image.shape[-2:]
-    frame = torch.rand((4, height, width), generator=torch.Generator().manual_seed(0))
-    frame = frame.to(image.device)
-
-    def round_trip() -> Tensor:
-        back: Tensor = torch.fft.irfft2(torch.fft.rfft2(frame), s=(height, width))
-        return back
-
-    return round_trip
-
-
-def timed(work: Callable[[], Tensor], repeat: int) -> tuple[Tensor, float]:
-    """What some work gives, and the median of the seconds it takes."""
-    import torch
-
-    seconds = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        result = work()
-        if result.is_cuda:
-            torch.cuda.synchronize()
-        seconds.append(time.perf_counter() - start)
-    return result, median(seconds)

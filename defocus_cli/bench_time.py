@@ -13,9 +13,9 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from defocus_cli import memory
-from defocus_cli.bench_run import timed, transform
 from defocus_cli.delivery import DISPARITY_PER_RADIUS
 from defocus_cli.errors import InputError
+from defocus_cli.fft_unit import FftUnit, timed
 from defocus_cli.helper import Helper, is_helped
 from defocus_cli.scene_rendering import rendered_scene
 
@@ -39,9 +39,8 @@ OUTPUTS = {
     "pair": ("left", "right"),
     "all": ("render", "left", "right", "coc", "disparity", "trust"),
 }
-# A case is repeated until this many seconds are spent on it; the unit, until this many.
-_ENOUGH, _ENOUGH_OF_UNIT = 1.0, 0.05
-_MOST_UNITS = 7
+# A case is repeated until this many seconds are spent on it.
+_ENOUGH = 1.0
 
 Size = tuple[int, int]
 
@@ -135,13 +134,12 @@ def measure(
     scene = type(scene)(*(part.to(device) for part in scene))
     shared = is_helped(threads, device, (height, width))
     work, done = _work(case, scene, threads, shared)
-    round_trip = transform(scene.image)
-    timed(round_trip, 1)  # plans are made once
+    fft = FftUnit(scene.image)
     seconds: list[float] = []
     cpu, ratios, peaks = [], [], []
     foreseen = _predicted(case, scene, calibration, shared)
     try:
-        unit = _unit(round_trip)
+        unit = fft.seconds()
         while not seconds or (len(seconds) < repeat and sum(seconds) < _ENOUGH):
             memory.reset_peak(device)
             start = time.process_time()
@@ -151,7 +149,7 @@ def measure(
             cpu.append(used + helper.cpu_seconds)
             if (held := memory.peak_mb(device)) is not None:
                 peaks.append(held + helper.grown_mb)
-            before, unit = unit, _unit(round_trip)
+            before, unit = unit, fft.seconds()
             ratios.append(2 * seconds[-1] / (before + unit))
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
@@ -205,10 +203,3 @@ def _work(
         return rendered.pictures
 
     return work, done
-
-
-def _unit(round_trip: Callable[[], Tensor]) -> float:
-    """Seconds of the unit: the median of several, of fewer where it is long."""
-    first = timed(round_trip, 1)[1]
-    more = min(int(_ENOUGH_OF_UNIT / first), _MOST_UNITS - 1)
-    return median([first, *(timed(round_trip, 1)[1] for _ in range(more))])
