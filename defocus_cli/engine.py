@@ -105,6 +105,7 @@ def write(made: Made) -> Outcome:
 
 def load() -> None:
     """Import what takes seconds to import."""
+    memory.share_heap()
     memory.keep_freed(True)  # what is read leaves room for what is rendered
     with put_off(), imports():
         import torch  # noqa: F401

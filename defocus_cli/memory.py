@@ -99,12 +99,18 @@ def keep_freed(keep: bool) -> None:
 
     Where it does not, it hands back what ends its heap beyond the most that it comes to by itself,
     and what is taken next is taken from the system page by page: 3 to 10 % of the time of a
-    picture. What is as large as _LARGEST is handed back anyhow. And threads begun later take from
-    one heap: what one of them sets free another can have, and a new one finds it.
+    picture. What is as large as _LARGEST is handed back anyhow.
     """
-    _glibc("mallopt", _M_ARENA_MAX, 1)
     _glibc("mallopt", _M_MMAP_THRESHOLD, _LARGEST)
     _glibc("mallopt", _M_TRIM_THRESHOLD, _FOREVER if keep else 2 * _LARGEST)
+
+
+def share_heap() -> None:
+    """Have threads begun later take from one heap of glibc: what one sets free another finds.
+
+    Heaps of their own are new for each of them, and taken page by page.
+    """
+    _glibc("mallopt", _M_ARENA_MAX, 1)
 
 
 def _glibc(name: str, *numbers: int) -> None:
