@@ -16,7 +16,6 @@ from defocus_cli import memory
 from defocus_cli.delivery import DISPARITY_PER_RADIUS
 from defocus_cli.errors import InputError
 from defocus_cli.fft_unit import FftUnit, timed
-from defocus_cli.helper import Helper, is_helped
 from defocus_cli.scene_rendering import rendered_scene
 
 if TYPE_CHECKING:
@@ -132,12 +131,11 @@ def measure(
     width, height = case.size
     scene = scenery(case.kind, height, width, case.radius)
     scene = type(scene)(*(part.to(device) for part in scene))
-    shared = is_helped(threads, device, (height, width))
-    work, done = _work(case, scene, threads, shared)
+    work, done = _work(case, scene, threads)
     fft = FftUnit(scene.image)
     seconds: list[float] = []
     cpu, ratios, peaks = [], [], []
-    foreseen = _predicted(case, scene, calibration, shared)
+    foreseen = _predicted(case, scene, calibration)
     try:
         unit = fft.seconds()
         while not seconds or (len(seconds) < repeat and sum(seconds) < _ENOUGH):
@@ -145,22 +143,21 @@ def measure(
             start = time.process_time()
             seconds.append(timed(work, 1)[1])
             used = time.process_time() - start
-            stats, helper = done[-1]
-            cpu.append(used + helper.cpu_seconds)
+            cpu.append(used)
             if (held := memory.peak_mb(device)) is not None:
-                peaks.append(held + helper.grown_mb)
+                peaks.append(held)
             before, unit = unit, fft.seconds()
             ratios.append(2 * seconds[-1] / (before + unit))
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError(case.name, problem, "leave that size out or use --device cpu") from None
     peak = max(peaks, default=None)
-    found = (case, median(seconds), median(cpu), median(ratios), peak, len(seconds), stats)
+    found = (case, median(seconds), median(cpu), median(ratios), peak, len(seconds), done[-1])
     return Timing(*found, *foreseen)
 
 
 def _predicted(
-    case: Case, scene: Scenery, calibration: Calibration | None, shared: bool
+    case: Case, scene: Scenery, calibration: Calibration | None
 ) -> tuple[float | None, float | None]:
     """Seconds and peak in MB, if there is a calibration."""
     if calibration is None:
@@ -178,16 +175,16 @@ def _predicted(
     pictures = 3 if "left" in OUTPUTS[case.outputs] else 1
     of_pixel = (pictures * len(scene.image) + 1) * scene.image.itemsize  # and trust
     held = memory.held_mb(device) + of_pixel * scene.signed_radius.numel() / memory.MB
-    held += calibration.predicted_mb(planned, helped=shared)
+    held += calibration.predicted_mb(planned)
     return calibration.predicted_seconds(planned), held
 
 
 def _work(
-    case: Case, scene: Scenery, threads: int, shared: bool
-) -> tuple[Callable[[], Tensor], list[tuple[Mapping[str, float], Helper]]]:
-    """What makes all outputs of a case, and of each time the statistics and the helper."""
+    case: Case, scene: Scenery, threads: int
+) -> tuple[Callable[[], Tensor], list[Mapping[str, float]]]:
+    """What makes all outputs of a case, and of each time the statistics."""
     kinds = OUTPUTS[case.outputs]
-    done: list[tuple[Mapping[str, float], Helper]] = []
+    done: list[Mapping[str, float]] = []
 
     def work() -> Tensor:
         if "disparity" in kinds:
@@ -197,9 +194,8 @@ def _work(
             quality=case.quality,
             left_right="left" in kinds,
             threads=threads,
-            shared=shared,
         )
-        done.append((rendered.stats, rendered.helper))
+        done.append(rendered.stats)
         return rendered.pictures
 
     return work, done

@@ -23,7 +23,6 @@ from defocus_cli import memory
 from defocus_cli.errors import InputError
 from defocus_cli.files import written_whole
 from defocus_cli.fitting import nonnegative
-from defocus_cli.helper import can_help
 from defocus_cli.process_settings import set_to_render
 from defocus_cli.report import say, version
 from defocus_cli.scene_rendering import Rendered, rendered_scene
@@ -77,7 +76,6 @@ _USUAL_BYTES = {
     **{"discs": 1.2, "result": 1.5, "tile": 2.0, "cells": 1.5},
 }
 _TRUST = 0.2  # in that, where a scene has 1
-_FORK = 1e-2  # seconds for each frame, where a second process is made to help
 
 
 @dataclass(frozen=True)
@@ -99,17 +97,14 @@ class Calibration:
         loads = _loads(plan, self.threads)
         return sum(self.seconds[name] * load for name, load in loads.items())
 
-    def predicted_mb(
-        self, plan: Plan, at_once: int | None = None, *, helped: bool = False
-    ) -> float:
+    def predicted_mb(self, plan: Plan, at_once: int | None = None) -> float:
         """What a planned rendering takes of memory beyond what was held before, in MB.
 
         Args:
             plan: the rendering.
             at_once: regions that are computed at once at most; None for as many as threads.
-            helped: whether a second process does half of it.
         """
-        held = _bytes(plan, self.threads, at_once or self.threads, helped=helped)
+        held = _bytes(plan, self.threads, at_once or self.threads)
         return sum(self.bytes[name] * size for name, size in held.items()) / memory.MB
 
 
@@ -160,13 +155,12 @@ def measured(device: str, threads: int) -> Calibration:
     from defocus_core.scenery import scenery
 
     set_to_render()
-    shared = threads > 1 and device == "cpu" and can_help()
     plans, seconds, peaks = [], [], []
     for number, (kind, width, height, radius, quality, pair) in enumerate((_SCENES[-1], *_SCENES)):
         scene = scenery(kind, height, width, radius)
         scene = type(scene)(*(part.to(device) for part in scene))
         settings: dict[str, Any] = {"quality": quality, "left_right": pair}
-        work = partial(rendered_scene, scene, threads=threads, shared=shared, **settings)
+        work = partial(rendered_scene, scene, threads=threads, **settings)
         took = [_cost(work, device, threads) for _ in range(_REPEATS)]
         if number:  # the first is for what a process does once
             plans.append(plan(scene.signed_radius, image=scene.image, **settings))
@@ -174,10 +168,9 @@ def measured(device: str, threads: int) -> Calibration:
             kept_mb = (3 if pair else 1) * scene.image.nbytes / memory.MB
             peaks.append(max(peak for _, peak in took) - kept_mb)
     loads = [_loads(each, threads) for each in plans]
-    held = [_bytes(each, threads, threads, helped=shared) for each in plans]
-    usual_seconds = {**_USUAL_SECONDS, "frame": _FORK} if shared else _USUAL_SECONDS
+    held = [_bytes(each, threads, threads) for each in plans]
     return Calibration(
-        _fitted(loads, seconds, usual_seconds),
+        _fitted(loads, seconds, _USUAL_SECONDS),
         _fitted(held, [max(peak, _LEAST_MB) * memory.MB for peak in peaks], _USUAL_BYTES),
         threads,
     )
@@ -203,11 +196,11 @@ def _cost(work: Callable[[], Rendered], device: str, threads: int) -> tuple[floa
     clock = time.process_time if (device, threads) == ("cpu", 1) else time.perf_counter
     memory.reset_peak(device)
     before, start = memory.held_mb(device), clock()
-    helper = work().helper
+    work()
     if device == "cuda":
         torch.cuda.synchronize()
     seconds = clock() - start
-    return seconds, (memory.peak_mb(device) or 0.0) - before + helper.grown_mb
+    return seconds, (memory.peak_mb(device) or 0.0) - before
 
 
 def _loads(plan: Plan, threads: int) -> dict[str, float]:
@@ -223,16 +216,10 @@ def _loads(plan: Plan, threads: int) -> dict[str, float]:
     }
 
 
-def _bytes(plan: Plan, threads: int, at_once: int, *, helped: bool = False) -> dict[str, float]:
-    """Bytes that are held at once; with a second process, by both."""
+def _bytes(plan: Plan, threads: int, at_once: int) -> dict[str, float]:
+    """Bytes that are held at once."""
     from defocus_core.threads import AHEAD
 
-    if helped:
-        half = -(-threads // 2)
-        each = _bytes(plan, half, half)
-        return {name: 2 * size for name, size in each.items()} | {
-            "result": (plan.regions + 2) * plan.bytes["result"]  # who helps may be far ahead
-        }
     regions = min(_at_once(plan, threads), at_once)
     tiles = regions * min(threads // regions, math.ceil(plan.tiles / plan.regions))
     waiting = min(plan.regions, (1 + AHEAD) * regions)

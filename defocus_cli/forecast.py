@@ -13,7 +13,6 @@ from defocus_cli.budget import base_mb
 from defocus_cli.calibration import Calibration, calibrated
 from defocus_cli.errors import UserError
 from defocus_cli.focusing import focused, radius_map
-from defocus_cli.helper import is_helped
 from defocus_cli.job import RENDERED_KINDS, Job
 from defocus_cli.made import mended_words
 from defocus_cli.sizing import most_at_once, planned_work, room_on, too_large
@@ -117,11 +116,10 @@ def _forecast(job: Job, device: str, base: float, calibration: Calibration | Non
         planned = plan_of(job)
         seconds = calibration.predicted_seconds(planned)
         room = room_on(held.room_mb, device)
-        helped = is_helped(job.machine.threads, device, (height, width))
-        if (fit := most_at_once(job, calibration, planned, room, helped=helped)) is None:
+        if (fit := most_at_once(job, calibration, planned, room)) is None:
             raise too_large(job, device, room, plan_of)
-        peak += calibration.predicted_mb(planned, fit.at_once, helped=fit.helped)
-        peak += fit.hold * (2 if fit.helped else 1) * planned.cells / memory.MB
+        peak += calibration.predicted_mb(planned, fit.at_once)
+        peak += fit.hold * planned.cells / memory.MB
     scratch = held.arrays_mb if held.scratch else 0.0
     return Forecast(
         job=job,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
@@ -13,7 +12,6 @@ from defocus_cli.arrays import Windows, bands
 from defocus_cli.budget import image_type
 from defocus_cli.errors import TooLarge
 from defocus_cli.focusing import radius_at_infinity, radius_map
-from defocus_cli.helper import helped
 from defocus_cli.job import IMAGE_KINDS, Job
 from defocus_cli.made import Loaded, Made, Outcome, mended_words
 from defocus_cli.process_settings import set_to_render
@@ -49,7 +47,7 @@ def rendered(
     job, device = outcome.job, outcome.device
     set_to_render()
     image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
-    at_once, hold, shared = fitting(outcome, image, signed, loaded.holding.room_mb)
+    at_once, hold = fitting(outcome, image, signed, loaded.holding.room_mb)
     if at_once is not None:  # memory is short
         memory.keep_freed(False)
         memory.trim()
@@ -62,10 +60,8 @@ def rendered(
         images.clamped.clear()
         try:
             stream = _stream(outcome, image, signed, behind, tile, hold)
-            alike = partial(stream.regions, at_once)
-            with helped(alike, wanted=shared) as helper:
-                for part in alike(progress):
-                    images.take(part)
+            for part in stream.regions(at_once, progress):
+                images.take(part)
             break
         except torch.OutOfMemoryError:
             if at_once != 1:
@@ -82,9 +78,7 @@ def rendered(
             torch.cuda.empty_cache()
     if device == "cuda":
         torch.cuda.synchronize()
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu + helper.cpu_seconds
-    if helper.lost:
-        warnings.append(f"the process that helps {helper.lost}: its part was computed without it")
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from defocus_cli.helper import Helper, helped
-
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -18,17 +16,13 @@ class Rendered(NamedTuple):
     Attributes:
         pictures: [1 or 3, C, H, W], the centre, or also left and right.
         stats: counts of the work.
-        helper: what became of the second process, if there was one.
     """
 
     pictures: Tensor
     stats: dict[str, int]
-    helper: Helper
 
 
-def rendered_scene(
-    scene: Scenery, *, quality: str, left_right: bool, threads: int, shared: bool
-) -> Rendered:
+def rendered_scene(scene: Scenery, *, quality: str, left_right: bool, threads: int) -> Rendered:
     """Render a scene.
 
     Args:
@@ -36,7 +30,6 @@ def rendered_scene(
         quality: of the renderer.
         left_right: whether to make left and right, too.
         threads: to compute with.
-        shared: whether a second process helps.
     """
     from defocus_core.stream import Stream
 
@@ -47,10 +40,9 @@ def rendered_scene(
         left_right=left_right,
         threads=threads,
     )
-    with helped(stream.regions, wanted=shared) as helper:
-        pictures = scene.image.new_empty(3 if left_right else 1, *scene.image.shape)
-        for part in stream.regions():
-            made = [x for x in (part.render, part.left, part.right) if x is not None]
-            for picture, some in zip(pictures, made, strict=True):
-                part.box.of(picture).copy_(some)
-    return Rendered(pictures, stream.stats, helper)
+    pictures = scene.image.new_empty(3 if left_right else 1, *scene.image.shape)
+    for part in stream.regions():
+        made = [x for x in (part.render, part.left, part.right) if x is not None]
+        for picture, some in zip(pictures, made, strict=True):
+            part.box.of(picture).copy_(some)
+    return Rendered(pictures, stream.stats)

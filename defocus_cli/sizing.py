@@ -13,7 +13,6 @@ from defocus_cli.budget import base_mb, enough_mb
 from defocus_cli.calibration import Calibration, kept, usual
 from defocus_cli.errors import TooLarge
 from defocus_cli.focusing import radius_at_infinity
-from defocus_cli.helper import is_helped
 from defocus_cli.job import Job, Lens
 
 if TYPE_CHECKING:
@@ -37,12 +36,10 @@ class Fit(NamedTuple):
     Attributes:
         at_once: regions that are computed at once; None where memory does not limit them.
         hold: whether the cells of a large draft are held, too.
-        helped: whether a second process renders, too.
     """
 
     at_once: int | None
     hold: bool
-    helped: bool = False
 
 
 def planned_work(
@@ -82,14 +79,13 @@ def fitting(outcome: Outcome, image: Pixels, signed_radius: Pixels, room_mb: flo
     """
     job, device = outcome.job, outcome.device
     room = room_on(room_mb, device)
-    helped = is_helped(job.machine.threads, device, signed_radius.shape)
-    if fits_anyhow(job, image.shape, outcome.coc_px, room, helped=helped):
-        return Fit(None, hold=True, helped=helped)
+    if fits_anyhow(job, image.shape, outcome.coc_px, room):
+        return Fit(None, hold=True)
 
     def plan_of(changed: Job) -> Plan:
         return planned_work(changed, outcome.lens, image, signed_radius, outcome.coc_px)
 
-    if found := most_at_once(job, _known(job, device), plan_of(job), room, helped=helped):
+    if found := most_at_once(job, _known(job, device), plan_of(job), room):
         return found
     raise too_large(job, device, room, plan_of)
 
@@ -131,15 +127,9 @@ def room_on(room_mb: float, device: str) -> float:
     return max(room_mb if available is None else min(room_mb, available), 0.0)
 
 
-def most_at_once(
-    job: Job, calibration: Calibration, planned: Plan, room_mb: float, *, helped: bool = False
-) -> Fit | None:
-    """The most that fits, with a second process if it is of use; None if not even one region."""
+def most_at_once(job: Job, calibration: Calibration, planned: Plan, room_mb: float) -> Fit | None:
+    """The most that fits; None if not even one region."""
     threads, cells = job.machine.threads, planned.cells / memory.MB
-    if helped:
-        left = room_mb - calibration.predicted_mb(planned, helped=True)
-        if left >= 2 * cells:
-            return Fit(None, hold=True, helped=True)
     for at_once in range(threads, 0, -1):
         left = room_mb - calibration.predicted_mb(planned, at_once)
         if left >= 0:
@@ -152,13 +142,9 @@ def fits_anyhow(
     shape: tuple[int, ...],
     coc_px: tuple[float, float],
     room_mb: float,
-    *,
-    helped: bool = False,
 ) -> bool:
     """Whether there is more room than any rendering takes of a shape [C, H, W] and some radii."""
     threads, spread = job.machine.threads, max(map(abs, coc_px))
-    if helped:
-        return 2 * _most_mb(shape, spread, (threads + 1) // 2) < room_mb
     return _most_mb(shape, spread, threads) < room_mb
 
 

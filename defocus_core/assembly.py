@@ -46,7 +46,6 @@ def finished(
     hidden: Behind | None,
     threads: int,
     at_once: int | None = None,
-    last: bool = True,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Finished]:
     """The regions of a picture, row by row, each from left to right.
@@ -58,7 +57,6 @@ def finished(
         hidden: What is known behind the visible surface.
         threads: As for `render`.
         at_once: Regions computed at once at most: bounds memory. None for as many as threads.
-        last: Whether nothing is computed of them.
         progress: As for `render`.
     """
     beyond, given = None, signed_radius
@@ -96,10 +94,9 @@ def finished(
         return Finished(grid.box, made, trust, added(region.counts(tiles), counts))
 
     def handed_over() -> Iterator[Finished]:
-        parts = threaded(recomputed(computed), grids, at_once, last=last)
-        for grid, part in zip(grids, parts, strict=False):  # none, where they are not wanted
-            # copies, and what another process did
-            told(grid.box, len(grid.tiles) - told_of[grid.box])
+        parts = threaded(recomputed(computed), grids, at_once)
+        for grid, part in zip(grids, parts, strict=True):
+            told(grid.box, len(grid.tiles) - told_of[grid.box])  # copies
             yield part
 
     return handed_over()

@@ -85,7 +85,7 @@ class Enlarging:
                 for left in range(0, width, _TILE[1])
             ]
             tile = recomputed(partial(self._tile, cells))
-            for part in threaded(tile, tiles, self._threads, last=True):
+            for part in threaded(tile, tiles, self._threads):
                 yield part._replace(counts=counts)
                 counts = {}
             done, kept = ready, [cells.rows(ready - _AROUND, cells.end)]

@@ -133,7 +133,6 @@ class Picture:
             hidden=self._hidden,
             threads=self._threads,
             at_once=at_once,
-            last=self._enlarging is None,
             progress=progress,
         )
         return self._enlarging.enlarged(parts) if self._enlarging else parts
