@@ -1,8 +1,9 @@
-"""How much memory a process may take, and what of a picture is held in it.
+"""How much memory a process may take, and what of a picture is held in it. All in MB.
 
-Half is for pictures: their arrays are held as they are read and made, as long as all those that
-wait, are computed or are written fit into that half. A picture that alone is larger is kept in
-scratch files, and the process has no other meanwhile. The rest is to compute in. All in MB.
+What a process may take beyond itself is shared by the arrays of pictures and by what is computed.
+A picture whose arrays fit into half of that is held as it is read and made; two more, the one that
+is read and the one that is written meanwhile, are held beside it as long as they fit into that
+half. A larger picture is kept in scratch files, and the process has no other meanwhile.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 
 # Of what is available, what a process takes unless it is told.
 SHARE = 0.8
-# Of what it may take beyond that, what is for the arrays of pictures.
-_FOR_ARRAYS = 0.5
+# Of what it may take beyond itself, what the arrays of pictures may take, and how many pictures.
+_FOR_ARRAYS, _PICTURES = 0.5, 3
 # What strips take at most.
 _STRIPS_MB = 168.0
 # By which what one process takes for itself differs from what the next does.
@@ -41,12 +42,14 @@ class Holding:
         arrays_mb: its inputs and outputs.
         whole_mb: files that can only be decoded at once.
         scratch: whether its arrays lie in scratch files.
+        files_mb: what is held of its files and of those of the pictures beside it.
         room_mb: what is left to compute in.
     """
 
     arrays_mb: float
     whole_mb: float
     scratch: bool
+    files_mb: float
     room_mb: float
 
     @property
@@ -65,8 +68,13 @@ def holding(job: Job) -> Holding:
     arrays, whole = _sizes(job)
     room = capacity_mb(job.machine)
     scratch = arrays > _FOR_ARRAYS * room
-    left = room - (strips_mb(arrays) if scratch else _FOR_ARRAYS * room)
-    return Holding(arrays, whole, scratch, left)
+    files = strips_mb(arrays) if scratch else _beside_each_other_mb(arrays, room)
+    return Holding(arrays, whole, scratch, files, max(room - files, 0.0))
+
+
+def _beside_each_other_mb(arrays_mb: float, room_mb: float) -> float:
+    """What the arrays of pictures may take that are read, computed and written at one time."""
+    return min(_FOR_ARRAYS * room_mb, _PICTURES * arrays_mb)
 
 
 def strips_mb(arrays_mb: float) -> float:
@@ -77,12 +85,12 @@ def strips_mb(arrays_mb: float) -> float:
 def enough_mb(job: Job, needed_mb: float) -> float:
     """The least limit, above that of a job, with which there is so much to compute in."""
     arrays, _ = _sizes(job)
-    in_memory = arrays / _FOR_ARRAYS
     in_scratch = needed_mb + strips_mb(arrays)
     # Rounded up, it must still be one with which the arrays lie in scratch files.
-    if capacity_mb(job.machine) < in_scratch and 1.05 * in_scratch + 20 < in_memory:
+    if capacity_mb(job.machine) < in_scratch and 1.05 * in_scratch + 20 < arrays / _FOR_ARRAYS:
         return base_mb() + in_scratch + _SPARE_MB
-    return base_mb() + max(in_memory, needed_mb / (1 - _FOR_ARRAYS)) + _SPARE_MB
+    beside = min(_PICTURES * arrays, needed_mb * _FOR_ARRAYS / (1 - _FOR_ARRAYS))
+    return base_mb() + max(arrays / _FOR_ARRAYS, needed_mb + beside) + _SPARE_MB
 
 
 def capacity_mb(machine: Machine) -> float:
@@ -165,11 +173,12 @@ class Gate:
 
     def enter(self, number: int, job: Job) -> None:
         """Wait until there is room for the picture of a job."""
-        half = _FOR_ARRAYS * capacity_mb(job.machine)
-        need = min(_sizes(job)[0], half)  # in scratch, it wants all to itself
+        arrays, room = _sizes(job)[0], capacity_mb(job.machine)
+        limit = _beside_each_other_mb(arrays, room)
+        need = min(arrays, _FOR_ARRAYS * room)  # in scratch, it wants all to itself
         with self._changed:
             self._changed.wait_for(
-                lambda: self._opened or not self._held or sum(self._held.values()) + need <= half
+                lambda: self._opened or not self._held or sum(self._held.values()) + need <= limit
             )
             self._held[number] = need
 

@@ -41,25 +41,27 @@ def rendered(
     """
     import torch
 
-    from defocus_cli.sizing import fitting
+    from defocus_cli.sizing import holds_cells, regions_at_once, room_on
     from defocus_core.tiling import TILE
 
     job, device = outcome.job, outcome.device
     set_to_render()
     image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
-    at_once, hold = fitting(outcome, image, signed, loaded.holding.room_mb)
-    if at_once is not None:  # memory is short
-        memory.keep_freed(False)
-        memory.trim()
+    hold = holds_cells(image.shape, room_on(device, loaded.holding.room_mb))
     behind = _behind(loaded, outcome) if loaded.behind is not None else None
     images = _Images(job, loaded)
     warnings: list[str] = []
     wall, cpu = time.perf_counter(), time.process_time()
-    tile = job.machine.tile
+    tile, at_once = job.machine.tile, None
     while True:
         images.clamped.clear()
         try:
             stream = _stream(outcome, image, signed, behind, tile, hold)
+            if at_once is None:
+                at_once = regions_at_once(job, stream, loaded.holding, device)
+                if at_once < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
             for part in stream.regions(at_once, progress):
                 images.take(part)
             break

@@ -50,6 +50,7 @@ class Stream:
         size: (height, width) in px.
         frame: What holds for the whole picture, at the size at which it is rendered.
         mending: What was mended of its depth.
+        picture: What is rendered, at that size.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class Stream:
         self._counts: list[dict[str, int]] = []
         self._device = image.device
         with torch.no_grad(), own_modes(image.device):
-            self._picture = Picture(
+            self.picture = Picture(
                 image,
                 signed_radius,
                 aperture=Aperture() if aperture is None else aperture,
@@ -118,9 +119,9 @@ class Stream:
                 infinity=infinity,
                 hold=hold,
             )
-        self.size: tuple[int, int] = self._picture.size
-        self.frame: Frame = self._picture.frame
-        self.mending: Mending = self._picture.mending
+        self.size: tuple[int, int] = self.picture.size
+        self.frame: Frame = self.picture.frame
+        self.mending: Mending = self.picture.mending
 
     def regions(
         self,
@@ -137,7 +138,7 @@ class Stream:
         self._counts.clear()
         # not around the loop: the mode would be that of whoever takes the regions, too
         with torch.no_grad():
-            parts = self._picture.parts(at_once=at_once, progress=progress)
+            parts = self.picture.parts(at_once=at_once, progress=progress)
         while True:
             with torch.no_grad(), own_modes(self._device):
                 part = next(parts, None)
