@@ -19,8 +19,8 @@ from defocus_cli.made import Loaded, Made, Outcome, mended_words
 from defocus_cli.process_settings import set_to_render
 
 if TYPE_CHECKING:
+    from defocus_core import Stream, Views
     from defocus_core.known import Behind
-    from defocus_core.stream import Rendered, Stream
 
 Progress = Callable[[int, int], None]
 # Px on a side of the least tiles that are tried where memory of a GPU runs out.
@@ -143,7 +143,7 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def take(self, part: Rendered) -> None:
+    def take(self, part: Views) -> None:
         """Put a region where it belongs."""
         import numpy as np
 

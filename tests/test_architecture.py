@@ -44,7 +44,6 @@ LAYERS = [
         "noise",
         "points",
         "ramps",
-        "ranges",
         "sheets",
         "slicing",
         "terraces",
@@ -53,6 +52,7 @@ LAYERS = [
     {
         "aperture",
         "derived",
+        "distributions",
         "ends",
         "masks",
         "neighbours",
@@ -71,6 +71,7 @@ LAYERS = [
         "slopes",
         "threads",
     },
+    {"views"},
     {"guards", "modes", "outline", "ties", "tiling"},
     {"source", "spans"},
 ]
