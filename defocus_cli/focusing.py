@@ -1,6 +1,7 @@
 """What a lens is once the depth is known: where its focus lies, and how large its blur gets.
 
-A lens that was drawn at random and does not suit the picture is drawn again, up to `defocus_core.ATTEMPTS` times.
+A lens that was drawn at random and does not suit the picture is drawn again, `ATTEMPTS` times in
+all.
 """
 
 from __future__ import annotations
