@@ -93,16 +93,12 @@ def mended(lens: Lens, depth: Depth) -> str:
 
     from defocus_cli.arrays import IN_MEMORY
     from defocus_cli.made import mended_words
-    from defocus_core.mending import denoised
-    from defocus_core.survey import mending_of
+    from defocus_core import depth_mending
 
     height, width = depth.metres.shape
     radius = torch.from_numpy(radius_map(lens, depth, IN_MEMORY)[0])
     infinity = radius_at_infinity(lens, (width, height))
-    threads = torch.get_num_threads()
-    quiet, noise = denoised(radius, threads, hold=True)
-    mending = mending_of(quiet, radius.dtype, threads, infinity)
-    return mended_words(mending._replace(noise=noise))
+    return mended_words(depth_mending(radius, infinity, torch.get_num_threads()))
 
 
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:

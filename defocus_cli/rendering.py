@@ -19,8 +19,7 @@ from defocus_cli.made import Loaded, Made, Outcome, mended_words
 from defocus_cli.process_settings import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core import Stream, Views
-    from defocus_core.known import Behind
+    from defocus_core import Behind, Stream, Views
 
 Progress = Callable[[int, int], None]
 # Px on a side of the least tiles that are tried where memory of a GPU runs out.
@@ -44,7 +43,7 @@ def rendered(
     import torch
 
     from defocus_cli.sizing import fitting
-    from defocus_core.tiling import TILE
+    from defocus_core import TILE
 
     job, device = outcome.job, outcome.device
     set_to_render()
@@ -105,8 +104,7 @@ def _stream(
     tile: int | None,
     hold: bool,
 ) -> Stream:
-    from defocus_core import Aperture
-    from defocus_core.stream import Stream
+    from defocus_core import Aperture, Stream
 
     job, lens = outcome.job, outcome.lens
     return Stream(
@@ -167,7 +165,7 @@ def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
     """What is known to lie behind: where depth is inf and colour 0, nothing is."""
     import numpy as np
 
-    from defocus_core.known import Behind
+    from defocus_core import Behind
 
     assert loaded.behind is not None
     color, depth = loaded.behind

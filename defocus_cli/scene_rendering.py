@@ -38,7 +38,7 @@ def rendered_scene(
         threads: to compute with.
         shared: whether a second process helps.
     """
-    from defocus_core.stream import Stream
+    from defocus_core import Stream
 
     stream = Stream(
         scene.image,

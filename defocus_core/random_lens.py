@@ -27,6 +27,7 @@ from defocus_core.guards import (
     whole,
 )
 from defocus_core.lens import DefocusLens
+from defocus_core.modes import own_modes
 from defocus_core.quality import find
 from defocus_core.ranks import depth_percentile
 from defocus_core.render import render
@@ -182,7 +183,8 @@ class RandomDefocus(torch.nn.Module):
         for attempt in range(ATTEMPTS):
             lens = drawn(options, seed, attempt)
             if getattr(self.foc_dist, "kind", "") == "percentile":
-                foc_dist = depth_percentile(lambda: [depth], lens["foc_dist"], depth.dtype)
+                with own_modes(depth.device):
+                    foc_dist = depth_percentile(lambda: [depth], lens["foc_dist"], depth.dtype)
                 lens["foc_dist"] = math.inf if foc_dist is None else foc_dist
             if not lens["foc_dist"] > lens["foclen"]:
                 problem = (
