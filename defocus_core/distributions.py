@@ -34,8 +34,8 @@ class Distribution:
         kind: "uniform"; "loguniform", uniform in the logarithm; "disparity", uniform in 1/distance;
             "percentile", a percentile of the depth, uniform from 0 to 100; or "choice", each value
             as often as the others.
-        values: The low and the high end of the range, or the values to choose from. The high end
-            of "disparity" may be inf.
+        values: The low and the high end of the range, or the values to choose from. Equal ends fix
+            the value; the high end of "disparity" may be inf.
     """
 
     kind: str
@@ -63,13 +63,10 @@ class Distribution:
             raise ValueError(f"{self.kind} must have finite ends; only disparity reaches infinity")
         if low <= 0 and self.kind in ("loguniform", "disparity"):
             raise ValueError(f"{self.kind} must have ends above 0, got {low:g}")
+        if not low <= high:
+            raise ValueError(f"{self.kind} must begin at the lower end, got {low:g} and {high:g}")
         if self.kind == "percentile" and not 0 <= low <= high <= 100:
             raise ValueError(f"percentile must lie between 0 and 100, got {low:g} and {high:g}")
-        if not low < high:
-            raise ValueError(
-                f"{self.kind} must begin at the lower end, got {low:g} and {high:g}; a number "
-                "fixes the value"
-            )
 
     def at(self, share: float) -> Any:
         """The value at a share in [0, 1) of the distribution."""

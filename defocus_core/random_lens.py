@@ -239,12 +239,12 @@ def _planes(image: Tensor, depth: Tensor) -> Tensor:
         raise ValueError(
             f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
         )
-    batch, _, height, width = image.shape
+    count, _, height, width = image.shape
     depth = numbers("depth", depth, torch.float32, image.device)
     planes = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
-    if planes.shape != (batch, height, width):
+    if planes.shape != (count, height, width):
         raise ValueError(
-            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
+            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
             f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
         )
     if not bool((planes > 0).all()):

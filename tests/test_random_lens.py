@@ -115,19 +115,20 @@ def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
     assert together.abs().max() < 4 / math.sqrt(200)
 
 
-def test_numbers_fix_the_lens() -> None:
-    fixed = draft(foclen=50.0, fnum=2.0, foc_dist=1000.0, blades=0, blade_rotation=0.0)
+def test_numbers_and_equal_ends_fix_the_lens() -> None:
+    nearest = Distribution("percentile", (0, 0))
+    fixed = draft(foclen=50.0, fnum=Distribution("loguniform", (2, 2)), foc_dist=nearest, blades=0)
     _, seen = fixed(image(), depth(), [1, 2, 3])
     assert seen.foclen.tolist() == [50, 50, 50]
     assert seen.fnum.tolist() == [2, 2, 2]
-    assert seen.foc_dist.tolist() == [1000, 1000, 1000]
+    assert seen.foc_dist.tolist() == [1000, 2000, 3000]
 
 
 def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
     far = depth(2).clone()
     far[0, :, :, 9:] = math.inf
     far[1] = math.inf
-    defocus = draft(foc_dist=Distribution("percentile", (99.9, 100)))
+    defocus = draft(foc_dist=Distribution("percentile", (100, 100)))
     seen, lenses = defocus(image(2), far, [1, 2])
     assert lenses.foc_dist[0] == far[0, 0, 0, 8]
     assert lenses.foc_dist[1] == math.inf
