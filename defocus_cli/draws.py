@@ -1,24 +1,30 @@
-"""Random lenses that can be drawn again: the same for a seed, a picture's name and an index.
+"""Random lenses of a jobs file: ``[sample]`` says how many for each picture, and drawn from what.
 
-What an option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``, ``disparity(a, b)``
-(a focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the percentile of the
-depth) or ``choice(a, b, …)``. Values have six digits, so that every machine draws the same ones.
+``n`` lenses for each picture and each lens of the sweep, numbered in their names: ``_s000``. What
+is drawn depends on ``seed``, the picture's name and that number alone, not on other pictures or
+draws. What an option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``,
+``disparity(a, b)`` (a focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the
+percentile of the depth) or ``choice(a, b, …)``.
 """
 
 from __future__ import annotations
 
-import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
-from hashlib import blake2b
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from defocus_cli.lens_options import parsed
+from defocus_cli.errors import UsageProblem, reason
+from defocus_cli.lens_options import PARSERS, parsed, refuse_both, text_of
 from defocus_cli.quantities import Percentile, QuantityError, percentage
+from defocus_cli.toml_file import Table
 
-RANGES = ("uniform", "loguniform", "disparity", "percentile")
-KINDS = (*RANGES, "choice")
+if TYPE_CHECKING:
+    from defocus_core import Distribution
+
+KEYS = ("n", "seed", "max-coc", *PARSERS)
+MOST_DRAWS = 1_000_000
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 _NOT_RANGED = ("blades", "focus-at")
 
@@ -42,46 +48,62 @@ class Draw:
     attempt: int = 0
 
     def values(self) -> dict[str, Any]:
-        """Options of the lens, parsed; each drawn by itself, whatever else is drawn."""
-        values = {}
-        for name, text in self.options:
-            drawn = distribution(name, text)
-            values[name] = parsed(name, text) if drawn is None else drawn.at(self._share(name))
-        return values
+        """Options of the lens, parsed or drawn."""
+        from defocus_core import drawn
 
-    def _share(self, name: str) -> float:
-        """A number in [0, 1) that is as good as random."""
-        key = f"{self.seed}\0{self.picture}\0{self.index}\0{self.attempt}\0{name}"
-        digest = blake2b(key.encode("utf-8", "surrogateescape"), digest_size=8).digest()
-        return (int.from_bytes(digest) >> 11) / 2**53
+        options = {
+            name: distribution(name, text) or parsed(name, text) for name, text in self.options
+        }
+        values = drawn(options, self.seed, self.picture, self.index, self.attempt)
+        if getattr(options.get("focus"), "kind", "") == "percentile":
+            values["focus"] = Percentile(values["focus"])
+        return values
 
 
 @dataclass(frozen=True)
-class Distribution:
-    """What an option is drawn from: the ends of a range, or all the values to choose from."""
+class Sampling:
+    """How many lenses are drawn for a picture, and what each option is drawn from, as texts."""
 
-    kind: str
-    values: tuple[Any, ...]
+    count: int = 0
+    seed: int = 0
+    options: Mapping[str, str] = field(default_factory=dict)
 
-    @property
-    def extremes(self) -> tuple[Any, Any]:
-        """The least and the greatest value, percentiles aside."""
-        plain = [value for value in self.values if not isinstance(value, Percentile)]
-        return (min(plain), max(plain)) if plain and self.kind != "percentile" else (None, None)
 
-    def at(self, share: float) -> Any:
-        """The value at a share in [0, 1) of the distribution."""
-        if self.kind == "choice":
-            return self.values[int(share * len(self.values))]
-        low, high = self.values
-        if self.kind == "loguniform":
-            value = low * (high / low) ** share
-        elif self.kind == "disparity":
-            value = 1 / ((1 - share) / low + share / high)
-        else:
-            value = low + (high - low) * share
-        value = min(max(float(f"{value:.6g}"), low), high)
-        return Percentile(value) if self.kind == "percentile" else value
+def read_sampling(table: Table) -> Sampling:
+    """What ``[sample]`` asks for; a count of 0 if there is no such table.
+
+    Raises:
+        UsageProblem: a key is unknown or missing, or a distribution makes no sense.
+    """
+    if not table.values:
+        return Sampling()
+    table.refuse_unknown(KEYS)
+    count, seed = table.whole("n", 1), table.whole("seed", 0)
+    for key, value in (("n", count), ("seed", seed)):
+        if value is None:
+            raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
+    assert count is not None
+    assert seed is not None
+    if count > MOST_DRAWS:
+        raise UsageProblem(table.place("n"), f"{count} is too many", f"at most {MOST_DRAWS}")
+    options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
+    refuse_both(options, f"{table.file}: [sample] ")
+    for name, text in options.items():
+        _require_distribution(name, text, table.place(name))
+    if not options:
+        remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
+        raise UsageProblem(f"{table.file}: [sample]", "draws no option of the lens", remedy)
+    return Sampling(count, seed, options)
+
+
+def _require_distribution(name: str, text: str, where: str) -> None:
+    try:
+        found = distribution(name, text)
+    except QuantityError as error:
+        raise UsageProblem(where, error.problem, error.remedy) from None
+    if found is None:
+        remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
+        raise UsageProblem(where, f"'{text}' is nothing to draw from", remedy)
 
 
 @lru_cache(maxsize=4096)
@@ -91,44 +113,22 @@ def distribution(name: str, text: str) -> Distribution | None:
     Raises:
         QuantityError: the text makes no sense.
     """
-    found = _CALL.fullmatch(text)
-    if not found:
+    call = _CALL.fullmatch(text)
+    if not call:
         return None
-    kind, words = found[1].lower(), found[2].split(",")
+    kind, words = call[1].lower(), [word.strip() for word in call[2].split(",")]
     if kind == "percentile" and len(words) == 1:
         return None
-    if kind not in KINDS:
-        known = ", ".join(f"{kind}(…)" for kind in KINDS)
-        raise QuantityError(f"'{kind}' is no way to draw", f"use one of {known}")
-    if kind == "choice":
-        return Distribution(kind, tuple(parsed(name, word.strip()) for word in words))
-    if name in _NOT_RANGED:
+    from defocus_core import Distribution
+
+    if kind != "choice" and name in _NOT_RANGED:
         raise QuantityError(f"{name} is not drawn from a range", "write choice(…)")
     if kind in ("disparity", "percentile") and name != "focus":
         raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")
-    if len(words) != 2:
-        problem = f"{kind} has {len(words)} ends"
-        raise QuantityError(problem, f"give it two, like {_example(kind, name)}")
-    return Distribution(kind, _ends(kind, name, words))
-
-
-def _ends(kind: str, name: str, words: list[str]) -> tuple[float, float]:
-    if kind == "percentile":
-        low, high = (percentage(word) for word in words)
-    else:
-        low, high = (parsed(name, word.strip()) for word in words)
-    if any(isinstance(end, Percentile) for end in (low, high)):
+    values = tuple(percentage(w) if kind == "percentile" else parsed(name, w) for w in words)
+    if kind != "choice" and any(isinstance(value, Percentile) for value in values):
         raise QuantityError("a percentile is no end of a range", "write percentile(5, 95)")
-    if math.isinf(low) or (math.isinf(high) and kind != "disparity"):
-        raise QuantityError(f"{kind} cannot reach infinity", "write disparity(2m, inf)")
-    if kind == "loguniform" and low <= 0:
-        raise QuantityError("loguniform needs ends above 0", "write uniform(…)")
-    if not low < high:
-        problem = f"{words[0].strip()} is not less than {words[1].strip()}"
-        raise QuantityError(problem, "write the smaller end first")
-    return low, high
-
-
-def _example(kind: str, name: str) -> str:
-    ends = "5, 95" if kind == "percentile" else "1m, 4m" if name == "focus" else "…, …"
-    return f"{kind}({ends})"
+    try:
+        return Distribution(kind, values)
+    except ValueError as error:
+        raise QuantityError(f"'{text}' is nothing to draw from: {reason(error)}", "") from None

@@ -1,13 +1,13 @@
 """What a lens is once the depth is known: where its focus lies, and how large its blur gets.
 
-A lens that was drawn at random and does not suit the picture is drawn again, `DRAWS` times in all.
+A lens that was drawn at random and does not suit the picture is drawn again, `ATTEMPTS` times in
+all.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.arrays import Keeping, bands
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from defocus_core import DefocusLens
 
 MM_PER_M = 1000.0
-DRAWS = 100
 _MOST_PX = 1e6  # wider than any frame
 _FARTHEST_PX = 1e8  # what the renderer takes
 
@@ -47,14 +46,16 @@ def focused(lens: Lens, depth: Depth) -> Lens:
         UsageProblem: the focus lies outside the picture, or too near.
         Rejected: the blur would be larger than ``max_coc``, or the depth holds nothing to focus on.
     """
-    for attempt in range(DRAWS):
+    from defocus_core import ATTEMPTS
+
+    for attempt in range(ATTEMPTS):
         try:
             return _suited(_found(_drawn(lens, attempt), depth), depth)
         except Rejected as error:
             if lens.draw is None:
                 raise
             rejected = error
-    problem = f"{rejected.problem}, with the last of {DRAWS} lenses drawn for it"
+    problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
     raise Rejected(rejected.subject, problem, rejected.remedy, rejected.code)
 
 
@@ -92,16 +93,12 @@ def mended(lens: Lens, depth: Depth) -> str:
 
     from defocus_cli.arrays import IN_MEMORY
     from defocus_cli.made import mended_words
-    from defocus_core.mending import denoised
-    from defocus_core.survey import mending_of
+    from defocus_core import depth_mending
 
     height, width = depth.metres.shape
     radius = torch.from_numpy(radius_map(lens, depth, IN_MEMORY)[0])
     infinity = radius_at_infinity(lens, (width, height))
-    threads = torch.get_num_threads()
-    quiet, noise = denoised(radius, threads, hold=True)
-    mending = mending_of(quiet, radius.dtype, threads, infinity)
-    return mended_words(mending._replace(noise=noise))
+    return mended_words(depth_mending(radius, infinity, torch.get_num_threads()))
 
 
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
@@ -179,23 +176,18 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
 def _at_percentile(lens: Lens, depth: Depth) -> float:
     import torch
 
-    from defocus_core.ranks import Ranks, counted
+    from defocus_core import depth_percentile
 
     assert lens.focus_percentile is not None
-
-    def solid() -> Iterator[torch.Tensor]:
-        for rows in bands(depth.metres.shape):
-            metres = torch.from_numpy(depth.metres[rows])
-            yield metres[torch.isfinite(metres) & (metres > 0)]
-
-    counts = sum((counted(some) for some in solid()), torch.zeros((), dtype=torch.long))
-    ranks = Ranks(counts, solid, torch.float32)
-    if not ranks.total:
+    found = depth_percentile(
+        lambda: (torch.from_numpy(depth.metres[rows]) for rows in bands(depth.metres.shape)),
+        lens.focus_percentile,
+        torch.float32,
+    )
+    if found is None:
         remedy = "give the focus as a distance"
         raise Rejected(depth.path, "is all sky, with nothing to focus on", remedy, "no-valid-depth")
-    # A distance that some pixel has: between two surfaces there is nothing to focus on.
-    rank = math.ceil(ranks.total * (lens.focus_percentile / 100))
-    foc_dist = ranks.exactly(min(max(rank, 1), ranks.total)) * MM_PER_M
+    foc_dist = found * MM_PER_M
     if foc_dist <= lens.foclen:
         where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
         problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"

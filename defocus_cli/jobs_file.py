@@ -4,7 +4,7 @@ A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.inputs`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
   [sweep]     lists, grids and ranges of lens options, see `defocus_cli.sweep`
-  [sample]    random lenses, see `defocus_cli.sampling` and `defocus_cli.draws`; ``max-coc``, like
+  [sample]    random lenses, see `defocus_cli.draws`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-unit, depth-channel, color-layer, part

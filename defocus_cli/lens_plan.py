@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from defocus_cli.draws import Draw, distribution
+from defocus_cli.draws import Draw, Sampling, distribution, read_sampling
 from defocus_cli.errors import UsageProblem
 from defocus_cli.inputs import Entry
 from defocus_cli.job import Lens
@@ -28,7 +28,6 @@ from defocus_cli.lens_options import (
     written,
 )
 from defocus_cli.quantities import Percentile, QuantityError, pixel_count
-from defocus_cli.sampling import Sampling, read_sampling
 from defocus_cli.sweep import Point, read_sweep
 from defocus_cli.toml_file import Table
 
@@ -171,8 +170,11 @@ def _extreme(options: Mapping[str, str], name: str, side: int) -> float | None:
     if name not in options:
         return None
     drawn = distribution(name, options[name])
-    value: Any = parsed(name, options[name]) if drawn is None else drawn.extremes[side]
-    return None if value is None or isinstance(value, Percentile) else float(value)
+    if drawn is not None and drawn.kind == "percentile":
+        return None
+    values = (parsed(name, options[name]),) if drawn is None else drawn.values
+    plain = [float(value) for value in values if not isinstance(value, Percentile)]
+    return (min, max)[side](plain, default=None)
 
 
 def _parsed(name: str, text: str, where: str) -> Any:

@@ -13,7 +13,7 @@ from defocus_cli.job import RENDERED_KINDS, Job, Lens
 if TYPE_CHECKING:
     from defocus_cli.depth import Depth
     from defocus_cli.images import Color
-    from defocus_core.mending import Mending
+    from defocus_core import Mending
 
 
 @dataclass(frozen=True)

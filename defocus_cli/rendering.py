@@ -17,8 +17,7 @@ from defocus_cli.made import Loaded, Made, Outcome, mended_words
 from defocus_cli.process_settings import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core.known import Behind
-    from defocus_core.stream import Rendered, Stream
+    from defocus_core import Behind, Stream, Views
 
 Progress = Callable[[int, int], None]
 # Px on a side of the least tiles that are tried where memory of a GPU runs out.
@@ -42,7 +41,7 @@ def rendered(
     import torch
 
     from defocus_cli.sizing import holds_cells, regions_at_once, room_on
-    from defocus_core.tiling import TILE
+    from defocus_core import TILE
 
     job, device = outcome.job, outcome.device
     set_to_render()
@@ -101,8 +100,7 @@ def _stream(
     tile: int | None,
     hold: bool,
 ) -> Stream:
-    from defocus_core import Aperture
-    from defocus_core.stream import Stream
+    from defocus_core import Aperture, Stream
 
     job, lens = outcome.job, outcome.lens
     return Stream(
@@ -139,7 +137,7 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def take(self, part: Rendered) -> None:
+    def take(self, part: Views) -> None:
         """Put a region where it belongs."""
         import numpy as np
 
@@ -163,7 +161,7 @@ def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
     """What is known to lie behind: where depth is inf and colour 0, nothing is."""
     import numpy as np
 
-    from defocus_core.known import Behind
+    from defocus_core import Behind
 
     assert loaded.behind is not None
     color, depth = loaded.behind

@@ -31,7 +31,7 @@ def rendered_scene(scene: Scenery, *, quality: str, left_right: bool, threads: i
         left_right: whether to make left and right, too.
         threads: to compute with.
     """
-    from defocus_core.stream import Stream
+    from defocus_core import Stream
 
     stream = Stream(
         scene.image,

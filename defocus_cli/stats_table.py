@@ -1,4 +1,4 @@
-"""What rendering a picture took and what it skipped, for people: `Rendering.stats` as lines."""
+"""What rendering a picture took and what it skipped, for people: `Views.stats` as lines."""
 
 from __future__ import annotations
 

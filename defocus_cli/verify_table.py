@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from defocus_core.checks import Check
+    from defocus_core import Check
 
 _WORDS = {True: "ok", False: "FAILED"}
 

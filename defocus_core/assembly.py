@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,27 +14,12 @@ from defocus_core.copying import blurred_part, counts_of_copies
 from defocus_core.frame import Frame
 from defocus_core.known import Behind
 from defocus_core.recomputed import recomputed, unrecorded
-from defocus_core.region import Region, Tile
+from defocus_core.region import Region
 from defocus_core.source import Pixels
 from defocus_core.spans import Span
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box, Grid, regions
-
-
-class Finished(NamedTuple):
-    """A part of a picture that is computed.
-
-    Attributes:
-        box: Where in the frame it is.
-        images: The centre, or centre, left and right: [1 or 3, C, h, w].
-        trust: [1, 1, h, w].
-        counts: Of the work done.
-    """
-
-    box: Box
-    images: Tensor
-    trust: Tensor
-    counts: dict[str, int]
+from defocus_core.views import Views, added, joined
 
 
 def finished(
@@ -47,7 +31,7 @@ def finished(
     threads: int,
     at_once: int | None = None,
     progress: Callable[[int, int], None] | None,
-) -> Iterator[Finished]:
+) -> Iterator[Views]:
     """The regions of a picture, row by row, each from left to right.
 
     Args:
@@ -75,12 +59,12 @@ def finished(
             if progress and number <= len(frame.grid.tiles):  # not when it is computed again
                 progress(number, len(frame.grid.tiles))
 
-    def computed(grid: Grid) -> Finished:
+    def computed(grid: Grid) -> Views:
         part = grid if wanted else blurred_part(frame, grid, given)
         if not part:
             counts = counts_of_copies(frame, grid.box.area, len(grid.tiles))
-            return Finished(grid.box, *_copied(frame, grid.box, pixels), counts)
-        tiles: list[Tile] = []
+            return _copied(frame, grid.box, pixels)._replace(stats=counts)
+        tiles: list[Views] = []
         with unrecorded():
             region = Region(frame, part, pixels, signed_radius, hidden, beyond)
             numbers = range(len(part.tiles))
@@ -89,11 +73,11 @@ def finished(
                 told(grid.box, 1)
         rest = len(grid.tiles) - len(part.tiles)
         rows = _among_copies(frame, grid.box, part, tiles, pixels)
-        made, trust = (joined([[one[kind] for one in row] for row in rows]) for kind in (0, 1))
+        made = joined(rows)
         counts = counts_of_copies(frame, grid.box.area - part.box.area, rest)
-        return Finished(grid.box, made, trust, added(region.counts(tiles), counts))
+        return made._replace(stats=added([made.stats, counts]))
 
-    def handed_over() -> Iterator[Finished]:
+    def handed_over() -> Iterator[Views]:
         parts = threaded(recomputed(computed), grids, at_once)
         for grid, part in zip(grids, parts, strict=True):
             told(grid.box, len(grid.tiles) - told_of[grid.box])  # copies
@@ -103,15 +87,15 @@ def finished(
 
 
 def _among_copies(
-    frame: Frame, whole: Box, part: Grid, tiles: Sequence[Tile], pixels: Pixels
-) -> list[list[tuple[Tensor, Tensor]]]:
-    """Rows of images and trust of a rectangle: the tiles of a part, and the rest as it was."""
+    frame: Frame, whole: Box, part: Grid, tiles: Sequence[Views], pixels: Pixels
+) -> list[list[Views]]:
+    """Rows of views of a rectangle: the tiles of a part, and the rest as it was."""
     down, across = (
         (Span(side.first, inner.first), Span(inner.end, side.end))
         for side, inner in zip(whole.sides, part.box.sides, strict=True)
     )
 
-    def copied(rows: Span, columns: Span) -> list[tuple[Tensor, Tensor]]:
+    def copied(rows: Span, columns: Span) -> list[Views]:
         box = Box.over(rows, columns)
         return [_copied(frame, box, pixels)] if box.area else []
 
@@ -119,88 +103,53 @@ def _among_copies(
     made = []
     for first in range(0, len(tiles), part.columns):
         before, after = (copied(part.tiles[first].sides[0], columns) for columns in across)
-        row = [(tile.images, tile.trust) for tile in tiles[first : first + part.columns]]
-        made.append([*before, *row, *after])
+        made.append([*before, *tiles[first : first + part.columns], *after])
     return [row for row in (above, *made, below) if row]
 
 
-def _copied(frame: Frame, box: Box, pixels: Pixels) -> tuple[Tensor, Tensor]:
-    """Images and trust of what is as it was."""
+def _copied(frame: Frame, box: Box, pixels: Pixels) -> Views:
+    """Views of what is as it was."""
     image = box.of(pixels).to(frame.dtype)
-    images = image.expand(3 if frame.left_right else 1, *image.shape)
-    return images, image.new_ones(1, 1, *image.shape[1:])
+    images = [image] * (3 if frame.left_right else 1)
+    return Views(images, image.new_ones(1, *image.shape[1:]), {}, box)
 
 
-def assembled(
-    frame: Frame, pixels: Tensor, parts: Iterator[Finished]
-) -> tuple[list[Tensor], Tensor, dict[str, int]]:
-    """Images, trust, and counts of the work done.
+def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
+    """The views of the whole picture.
 
-    The images are the centre, or centre, left and right, [C, H, W] each, in memory of its own: who
-    keeps or saves one does not keep the others. Trust is [1, 1, H, W].
+    Each image [C, H, W] is in memory of its own: who keeps or saves one does not keep the others.
+    Trust is [1, H, W].
 
     Args:
         frame: What holds for the whole picture.
         pixels: [C, H, W], whose precision the result has.
         parts: From `finished`.
     """
-    counts: list[dict[str, int]] = []
     if torch.is_grad_enabled():
-        found = [part._replace(images=part.images.to(pixels.dtype)) for part in parts]
-        counts = [part.counts for part in found]
-        rows = list(in_rows(iter(found)))
-        apart = [[part.images.unbind() for part in row] for row in rows]
-        kinds = range(len(apart[0][0]))
-        images = [joined([[part[kind] for part in row] for row in apart]) for kind in kinds]
-        trust = joined([[part.trust for part in row] for row in rows]).to(pixels.dtype)
-    else:
-        images = [pixels.new_empty(pixels.shape) for _ in range(3 if frame.left_right else 1)]
-        trust = pixels.new_empty(1, 1, *pixels.shape[-2:])
-        for part in parts:
-            for image, some in zip(images, part.images, strict=True):
-                part.box.of(image).copy_(some)
-            part.box.of(trust).copy_(part.trust)
-            counts.append(part.counts)
-    return images, trust, total(frame, counts)
+        found = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
+        return found._replace(stats=total(frame, [found.stats]))
+    images = [pixels.new_empty(pixels.shape) for _ in range(3 if frame.left_right else 1)]
+    trust = pixels.new_empty(1, *pixels.shape[-2:])
+    counts: list[dict[str, int]] = []
+    for part in parts:
+        for image, some in zip(images, part.images, strict=True):
+            part.box.of(image).copy_(some)
+        part.box.of(trust).copy_(part.trust)
+        counts.append(part.stats)
+    return Views(images, trust, total(frame, counts), Box(0, 0, *pixels.shape[-2:]))
 
 
 def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
-    return {"slices": len(frame.radii), **added(*counts)}
+    return {"slices": len(frame.radii), **added(counts)}
 
 
-def in_rows(parts: Iterator[Finished]) -> Iterator[list[Finished]]:
+def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
     """Those of a row of regions together."""
-    row: list[Finished] = []
+    row: list[Views] = []
     for part in parts:
         if row and part.box.left == 0:
             yield row
             row = []
         row.append(part)
     yield row
-
-
-def added(*counts: dict[str, int]) -> dict[str, int]:
-    """The sums of some counts."""
-    total: dict[str, int] = {}
-    for each in counts:
-        total |= {name: total.get(name, 0) + count for name, count in each.items()}
-    return total
-
-
-def joined(rows: list[list[Tensor]]) -> Tensor:
-    """Pictures [..., h, w], beside and below each other, as one."""
-    if torch.is_grad_enabled():
-        return torch.cat([torch.cat(row, -1) for row in rows], -2)
-    first = rows[0][0]
-    size = sum(row[0].shape[-2] for row in rows), sum(one.shape[-1] for one in rows[0])
-    whole = first.new_empty(*first.shape[:-2], *size)
-    top = 0
-    for row in rows:
-        left = 0
-        for one in row:
-            height, width = one.shape[-2:]
-            whole[..., top : top + height, left : left + width] = one
-            left += width
-        top += height
-    return whole

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.probes import Scene
-from defocus_core.render import Rendering, render
+from defocus_core.render import render
+from defocus_core.views import Views
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def rendered(
     aperture: Aperture | None = None,
     left_right: bool = True,
     threads: int | None = None,
-) -> Rendering:
+) -> Views:
     """The rendering of a scene, with `setting.threads` unless told otherwise."""
     image, radius = (x.to(setting.device, dtype).contiguous() for x in scene)
     return render(
@@ -73,7 +74,7 @@ def rendered(
     )
 
 
-def pictures(seen: Rendering) -> tuple[Tensor, Tensor, Tensor]:
+def pictures(seen: Views) -> tuple[Tensor, Tensor, Tensor]:
     """Centre, left and right."""
     assert seen.left is not None
     assert seen.right is not None

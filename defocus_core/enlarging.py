@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.assembly import Finished, added, in_rows, joined
+from defocus_core.assembly import in_rows
 from defocus_core.compositing import pair_of
 from defocus_core.detail import AROUND, Given, share_left, smooth, with_detail
 from defocus_core.frame import Frame
@@ -22,6 +21,7 @@ from defocus_core.recomputed import recomputed
 from defocus_core.source import Pixels
 from defocus_core.threads import threaded
 from defocus_core.tiling import Box
+from defocus_core.views import Views, added, joined
 
 _PX = 2  # of a cell, on a side
 # What stands for all detail of a cell beside its colours, as a share of what counts as a highlight:
@@ -68,17 +68,16 @@ class Enlarging:
         else:
             self.cells = HalfSize(merged, *self._of_px)
 
-    def enlarged(self, parts: Iterator[Finished]) -> Iterator[Finished]:
+    def enlarged(self, parts: Iterator[Views]) -> Iterator[Views]:
         """Tiles of px, of rendered cells; the last rows of these wait for the ones below them."""
-        done, kept = 0, list[_Cells]()
+        done, kept = 0, list[Views]()
         counts: dict[str, int] = {}
         height, width = self._frame.size
         for row in in_rows(parts):
-            counts = added(counts, *map(self._counts, row))
-            images = joined([[part.images for part in row]])
-            trust = joined([[part.trust for part in row]])
-            cells = _below_each_other([*kept, _Cells(row[0].box.top, images, trust)])
-            ready = cells.end if cells.end == height else cells.end - _AROUND
+            counts = added([counts, *map(self._counts, row)])
+            cells = joined([*([each] for each in kept), [joined([row])]])
+            end = cells.box.sides[0].end
+            ready = end if end == height else end - _AROUND
             tiles = [
                 Box(top, left, min(_TILE[0], ready - top), min(_TILE[1], width - left))
                 for top in range(done, ready, _TILE[0])
@@ -86,16 +85,17 @@ class Enlarging:
             ]
             tile = recomputed(partial(self._tile, cells))
             for part in threaded(tile, tiles, self._threads):
-                yield part._replace(counts=counts)
+                yield part._replace(stats=counts)
                 counts = {}
-            done, kept = ready, [cells.rows(ready - _AROUND, cells.end)]
+            first = max(ready - _AROUND, cells.box.top)
+            done, kept = ready, [cells.within(Box(first, 0, end - first, width))]
 
-    def _tile(self, cells: _Cells, tile: Box) -> Finished:
+    def _tile(self, cells: Views, tile: Box) -> Views:
         """Some cells as px; they count nothing."""
         wide = tile.grown(1, self._frame.box)  # for slopes of detail
         around = wide.grown(AROUND, self._frame.box)
-        part, here = wide.seen_from(around), around._replace(top=around.top - cells.top)
-        images, trust = here.of(cells.images), here.of(cells.trust)
+        part, here = wide.seen_from(around), cells.within(around)
+        images = torch.stack(list(here.images))
         own = around.of(self.cells).to(images.dtype)
         px = (self._px(wide).of(x).to(images.dtype) for x in self._of_px)
         given = Given(own[:-1], own[-1] / self._unit, *px)
@@ -107,46 +107,16 @@ class Enlarging:
             images = torch.cat([images[:1], pair])
         box = self._px(tile)
         inner = box.seen_from(self._px(wide))
-        return Finished(box, inner.of(images), inner.of(smooth(trust, part)), {})
+        trust = smooth(here.trust[None], part)[0]
+        return Views(list(inner.of(images)), inner.of(trust), {}, box)
 
     def _px(self, cells: Box) -> Box:
         """The px of cells."""
         whole = Box(0, 0, *self._size)
         return Box(*(_PX * n for n in cells)).grown(0, whole)
 
-    def _counts(self, part: Finished) -> dict[str, int]:
+    def _counts(self, part: Views) -> dict[str, int]:
         """Those of a part in cells, in px."""
         pixels = self._px(part.box).area
-        copied = part.counts["pixels_copied"] * pixels // part.box.area
-        return {**part.counts, "pixels": pixels, "pixels_copied": copied}
-
-
-class _Cells(NamedTuple):
-    """Rendered rows of cells.
-
-    Attributes:
-        top: The first of them.
-        images: [1 or 3, C + 1, n, w].
-        trust: [1, 1, n, w].
-    """
-
-    top: int
-    images: Tensor
-    trust: Tensor
-
-    @property
-    def end(self) -> int:
-        """The row after the last."""
-        return self.top + self.images.shape[-2]
-
-    def rows(self, first: int, end: int) -> _Cells:
-        """Some of them."""
-        first = max(first, self.top)
-        cut = slice(first - self.top, end - self.top)
-        return _Cells(first, self.images[..., cut, :], self.trust[..., cut, :])
-
-
-def _below_each_other(some: list[_Cells]) -> _Cells:
-    """Rows that follow each other, as one."""
-    images = torch.cat([each.images for each in some], -2)
-    return _Cells(some[0].top, images, torch.cat([each.trust for each in some], -2))
+        copied = part.stats["pixels_copied"] * pixels // part.box.area
+        return {**part.stats, "pixels": pixels, "pixels_copied": copied}

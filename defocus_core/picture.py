@@ -10,7 +10,7 @@ from functools import partial
 import torch
 
 from defocus_core.aperture import Aperture
-from defocus_core.assembly import Finished, finished
+from defocus_core.assembly import finished
 from defocus_core.ends import ends_of
 from defocus_core.enlarging import Enlarging
 from defocus_core.frame import frame_of
@@ -23,6 +23,7 @@ from defocus_core.slicing import SHARP
 from defocus_core.source import Pixels, banded
 from defocus_core.survey import mending_of
 from defocus_core.tiling import BLOCK
+from defocus_core.views import Views
 
 _MOST_LAYERS = 1 << 16  # what depth in 16 bits tells apart
 
@@ -119,7 +120,7 @@ class Picture:
         *,
         at_once: int | None = None,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Iterator[Finished]:
+    ) -> Iterator[Views]:
         """The rendered picture, row by row, each from left to right.
 
         Args:

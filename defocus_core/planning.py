@@ -44,7 +44,7 @@ _LIT, _KERNEL, _SAMPLED_KERNEL = 8, 4, 32
 
 @dataclass(frozen=True)
 class Plan:
-    """Counts, as `Rendering.stats` has them, and what they amount to.
+    """Counts, as `Views.stats` has them, and what they amount to.
 
     Attributes:
         slices: Of the ladder.

@@ -9,79 +9,78 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from operator import index
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.aperture import Aperture
+from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.guards import (
     dense,
     described,
     flag,
     is_picture,
+    number,
     numbers,
     positive,
     whole,
 )
 from defocus_core.lens import DefocusLens
+from defocus_core.modes import own_modes
 from defocus_core.quality import find
-from defocus_core.ranges import Range, choices, interval, logarithmic
+from defocus_core.ranks import depth_percentile
 from defocus_core.render import render
 from defocus_core.thin_lens import bad_depth
+from defocus_core.views import Views, batch
+
+Option = float | Distribution
+_FOCLEN = Distribution("loguniform", (24.0, 85.0))
+_FNUM = Distribution("loguniform", (1.4, 16.0))
+_FOC_DIST = Distribution("percentile", (5.0, 95.0))
+_BLADES = Distribution("choice", (0, 5, 6, 7, 8, 9))
+_ROTATION = Distribution("uniform", (0.0, 360.0))
+_OPTIONS = ("foclen", "fnum", "foc_dist", "blades", "blade_rotation", "sensor_width")
 
 
-class RandomlyDefocused(NamedTuple):
-    """What `RandomDefocus` returns; the lenses' values are [B] on the CPU, in float64.
+class Lenses(NamedTuple):
+    """The lenses that `RandomDefocus` drew; values are [B] on the CPU, in float64.
 
     Attributes:
-        render: The defocused images, [B, C, H, W].
-        left: As seen through the lens half u.x < 0, None if not asked for.
-        right: As seen through the lens half u.x >= 0, None if not asked for.
         signed_radius: Of the circle of confusion in px, [B, 1, H, W].
         foclen: Focal lengths in mm.
         fnum: F-numbers.
         foc_dist: Distances in focus in mm, inf where all is sky.
         blades: Blades of the aperture, 0 for a round one.
         blade_rotation: Angle of a blade's vertex in degrees.
+        sensor_width: Widths of the sensor in mm.
     """
 
-    render: Tensor
-    left: Tensor | None
-    right: Tensor | None
     signed_radius: Tensor
     foclen: Tensor
     fnum: Tensor
     foc_dist: Tensor
     blades: Tensor
     blade_rotation: Tensor
-
-
-class _Lens(NamedTuple):
-    foclen: float
-    fnum: float
-    foc_dist: float
-    blades: int
-    blade_rotation: float
+    sensor_width: Tensor
 
 
 class RandomDefocus(torch.nn.Module):
-    """Defocuses each picture of a batch with a lens of its own, drawn from ranges by a seed.
+    """Defocuses each picture of a batch with a lens of its own, drawn by a seed.
 
-    Its attributes are its arguments, and may be set anew, as for a curriculum. Focal length and
-    f-number are drawn uniformly in the logarithm, the focus uniformly in the
-    percentile of the depth that is not sky, blades from a list, their rotation from the full turn.
-    A range with equal ends fixes a value. Gradients flow to image and depth.
+    Its attributes are its arguments, and may be set anew, as for a curriculum. An option of the
+    lens is a number or a `Distribution`. Gradients flow to image and depth.
     """
 
     def __init__(
         self,
         *,
-        foclen: Range = (24.0, 85.0),
-        fnum: Range = (1.4, 16.0),
-        focus_percentile: Range = (5.0, 95.0),
-        blades: Sequence[int] = (0, 5, 6, 7, 8, 9),
-        sensor_width: float = 36.0,
+        foclen: Option = _FOCLEN,
+        fnum: Option = _FNUM,
+        foc_dist: Option = _FOC_DIST,
+        blades: Option = _BLADES,
+        blade_rotation: Option = _ROTATION,
+        sensor_width: Option = 36.0,
         max_radius: float | None = None,
         left_right: bool = False,
         quality: str = "standard",
@@ -90,25 +89,28 @@ class RandomDefocus(torch.nn.Module):
         """Say what lenses are drawn from.
 
         Args:
-            foclen: Least and greatest focal length in mm.
-            fnum: Least and greatest f-number.
-            focus_percentile: Least and greatest percentile of the depth to focus on, 0 to 100.
-            blades: Numbers of blades to choose from; 0 is a round aperture.
+            foclen: Focal length in mm.
+            fnum: F-number.
+            foc_dist: Distance in focus in mm, inf too; drawn in "disparity", or from a "percentile"
+                of the depth that is not sky.
+            blades: Number of blades; 0 is a round aperture. Drawn by "choice".
+            blade_rotation: Angle of a blade's vertex in degrees.
             sensor_width: Width of the sensor in mm, whatever the size of the picture.
-            max_radius: Greatest radius of the blur in px: the f-number is raised, beyond its range
-                if need be, until no pixel exceeds it. None for no bound.
+            max_radius: Greatest radius of the blur in px: a lens that exceeds it is drawn again.
+                None for no bound.
             left_right: Whether to return the dual-pixel pair too.
             quality: As for `render`.
             threads: As for `render`.
 
         Raises:
-            ValueError: If a range or a value makes no sense.
+            ValueError: If a distribution or a value makes no sense.
         """
         super().__init__()
         self.foclen = foclen
         self.fnum = fnum
-        self.focus_percentile = focus_percentile
+        self.foc_dist = foc_dist
         self.blades = blades
+        self.blade_rotation = blade_rotation
         self.sensor_width = sensor_width
         self.max_radius = max_radius
         self.left_right = left_right
@@ -118,11 +120,8 @@ class RandomDefocus(torch.nn.Module):
 
     def _check(self) -> None:
         """Refuse what makes no sense, at first and where an attribute was set later."""
-        self.foclen = interval("foclen", self.foclen)
-        self.fnum = interval("fnum", self.fnum)
-        self.focus_percentile = interval("focus_percentile", self.focus_percentile, 100.0)
-        self.blades = choices(self.blades)
-        self.sensor_width = positive("sensor_width", self.sensor_width, "36 is full frame")
+        for name in _OPTIONS:
+            _check_option(name, getattr(self, name))
         if self.max_radius is not None:
             self.max_radius = positive("max_radius", self.max_radius, "None is no bound")
         flag("left_right", self.left_right)
@@ -131,13 +130,12 @@ class RandomDefocus(torch.nn.Module):
 
     def extra_repr(self) -> str:
         """What lenses are drawn from, as a module tells it."""
-        names = ["foclen", "fnum", "focus_percentile", "blades", "sensor_width", "max_radius"]
-        names += ["left_right", "quality", "threads"]
+        names = (*_OPTIONS, "max_radius", "left_right", "quality", "threads")
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
     def forward(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
-    ) -> RandomlyDefocused:
+    ) -> tuple[Views, Lenses]:
         """Defocus a batch.
 
         Args:
@@ -146,23 +144,23 @@ class RandomDefocus(torch.nn.Module):
             seeds: A whole number for each picture, or a generator to draw them from.
 
         Returns:
-            The pictures, their radii and their lenses.
+            The pictures, and the lenses that took them.
 
         Raises:
-            ValueError: If shapes disagree, a depth is NaN or not positive, or so near that the lens
-                drawn cannot focus on it.
+            ValueError: If shapes disagree, a depth is NaN or not positive, or no lens drawn for a
+                picture suits it: the focus is too near, or the blur exceeds `max_radius`.
         """
         self._check()
         planes = _planes(image, depth)
         numbers = _seeds(seeds, len(image))
         lenses = [self._draw(*pair) for pair in zip(planes, numbers, strict=True)]
-        thin_lenses = [self._thin(lens, planes.shape[1:]) for lens in lenses]
+        thin_lenses = [_thin(lens, planes.shape[1:]) for lens in lenses]
         radii = [thin.signed_radius(plane) for thin, plane in zip(thin_lenses, planes, strict=True)]
-        done = [
+        taken = [
             render(
                 picture,
                 radius,
-                aperture=Aperture(lens.blades, lens.blade_rotation),
+                aperture=Aperture(lens["blades"], lens["blade_rotation"]),
                 quality=self.quality,
                 left_right=self.left_right,
                 threads=self.threads,
@@ -170,51 +168,63 @@ class RandomDefocus(torch.nn.Module):
             )
             for picture, radius, lens, thin in zip(image, radii, lenses, thin_lenses, strict=True)
         ]
-        sides: tuple[Tensor | None, Tensor | None] = (None, None)
-        if self.left_right:
-            sides = _stacked([one.left for one in done]), _stacked([one.right for one in done])
-        drawn = [
-            torch.tensor(values, dtype=torch.float64, device="cpu")
-            for values in zip(*lenses, strict=True)
-        ]
-        return RandomlyDefocused(
-            torch.stack([one.render for one in done]), *sides, torch.stack(radii)[:, None], *drawn
+        columns = {
+            name: torch.tensor([lens[name] for lens in lenses], dtype=torch.float64, device="cpu")
+            for name in _OPTIONS
+        }
+        return batch(taken), Lenses(torch.stack(radii)[:, None], **columns)
+
+    def _draw(self, depth: Tensor, seed: int) -> dict[str, Any]:
+        """The first lens drawn by a seed that suits a depth map [H, W]: its options by name."""
+        options = {name: getattr(self, name) for name in _OPTIONS}
+        depth = depth.detach()
+        extremes = torch.stack([depth.min(), depth.max()]).double()[None]
+        problem = ""
+        for attempt in range(ATTEMPTS):
+            lens = drawn(options, seed, attempt)
+            if getattr(self.foc_dist, "kind", "") == "percentile":
+                with own_modes(depth.device):
+                    foc_dist = depth_percentile(lambda: [depth], lens["foc_dist"], depth.dtype)
+                lens["foc_dist"] = math.inf if foc_dist is None else foc_dist
+            if not lens["foc_dist"] > lens["foclen"]:
+                problem = (
+                    "depth must be farther in focus than the focal length, got "
+                    f"{lens['foc_dist']:g} mm for {lens['foclen']:g} mm"
+                )
+                continue
+            radius = float(_thin(lens, depth.shape).signed_radius(extremes).abs().max())
+            if self.max_radius is None or radius <= self.max_radius:
+                return lens
+            problem = f"max_radius must allow some lens, got {self.max_radius:g} for {radius:g} px"
+        raise ValueError(
+            f"{problem} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is in mm, "
+            f"and drawn are {self.extra_repr()}"
         )
 
-    def _draw(self, depth: Tensor, seed: int) -> _Lens:
-        """The lens of a seed, for a depth map [H, W]."""
-        generator = torch.Generator("cpu").manual_seed(seed)
-        shares = torch.rand(5, generator=generator, dtype=torch.float64, device="cpu").tolist()
-        foclen = logarithmic(self.foclen, shares[0])
-        fnum = logarithmic(self.fnum, shares[1])
-        low, high = self.focus_percentile
-        percent = low + (high - low) * shares[2]
-        foc_dist = _percentile(depth.detach(), percent)
-        if not foc_dist > foclen:
-            raise ValueError(
-                f"depth must be farther in focus than the focal length, got {foc_dist:g} mm at "
-                f"percentile {percent:.3g} for {foclen:g} mm; depth is in mm, and drawn are "
-                f"foclen={self.foclen} and focus_percentile={self.focus_percentile}"
-            )
-        blades = self.blades[int(shares[3] * len(self.blades))]
-        lens = _Lens(foclen, fnum, foc_dist, blades, 360.0 * shares[4])
-        if self.max_radius is None:
-            return lens
-        extremes = torch.stack([depth.detach().min(), depth.detach().max()]).double()[None]
-        greatest = float(self._thin(lens, depth.shape).signed_radius(extremes).abs().max())
-        return lens._replace(fnum=fnum * max(1.0, greatest / self.max_radius))
 
-    def _thin(self, lens: _Lens, size: torch.Size) -> DefocusLens:
-        """A lens before a sensor of so many (height, width) px."""
-        height, width = size
-        thin = DefocusLens(
-            lens.foclen,
-            lens.fnum,
-            (self.sensor_width, self.sensor_width * height / width),
-            (width, height),
-        )
-        thin.refocus(lens.foc_dist)
-        return thin
+def _check_option(name: str, option: Option) -> None:
+    """Refuse an option that no value of it makes a lens."""
+    kind = option.kind if isinstance(option, Distribution) else "number"
+    if kind in ("disparity", "percentile") and name != "foc_dist":
+        raise ValueError(f"{name} must not be drawn from a {kind}; it is for foc_dist only")
+    if name == "blades" and kind not in ("number", "choice"):
+        raise ValueError(f"blades must be whole numbers, got {option}; draw them by choice")
+    for value in option.values if isinstance(option, Distribution) else (option,):
+        if name == "blades":
+            Aperture(value)
+        elif name == "blade_rotation":
+            number(name, value, "in degrees, or a Distribution")
+        elif kind != "percentile" and not (name == "foc_dist" and value == math.inf):
+            positive(name, value, "in mm, or a Distribution")
+
+
+def _thin(lens: dict[str, Any], size: torch.Size) -> DefocusLens:
+    """A lens before a sensor of so many (height, width) px."""
+    height, width = size
+    sensor = (lens["sensor_width"], lens["sensor_width"] * height / width)
+    thin = DefocusLens(lens["foclen"], lens["fnum"], sensor, (width, height))
+    thin.refocus(lens["foc_dist"])
+    return thin
 
 
 def _planes(image: Tensor, depth: Tensor) -> Tensor:
@@ -229,12 +239,12 @@ def _planes(image: Tensor, depth: Tensor) -> Tensor:
         raise ValueError(
             f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
         )
-    batch, _, height, width = image.shape
+    count, _, height, width = image.shape
     depth = numbers("depth", depth, torch.float32, image.device)
     planes = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
-    if planes.shape != (batch, height, width):
+    if planes.shape != (count, height, width):
         raise ValueError(
-            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
+            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
             f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
         )
     if not bool((planes > 0).all()):
@@ -255,20 +265,4 @@ def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[
         raise ValueError(f"{wanted}, got {described(seeds)}; {remedy}") from None
     if len(found) != count:
         raise ValueError(f"{wanted}, got one of {len(found)}; {remedy}")
-    for seed in found:
-        if not -(2**63) <= seed < 2**64:
-            raise ValueError(f"seeds must be of 64 bits, got {seed}; take it modulo 2**64")
     return found
-
-
-def _percentile(depth: Tensor, percent: float) -> float:
-    """The distance of a pixel that so many percent of those that are not sky do not exceed."""
-    solid = depth[torch.isfinite(depth)]
-    if not solid.numel():
-        return math.inf
-    rank = math.ceil(percent / 100 * solid.numel())
-    return float(torch.kthvalue(solid, max(rank, 1))[0])
-
-
-def _stacked(pictures: Sequence[Tensor | None]) -> Tensor:
-    return torch.stack([picture for picture in pictures if picture is not None])

@@ -7,6 +7,7 @@ gone through once, and none is kept (radix selection). Negative numbers count as
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -76,6 +77,32 @@ class Ranks:
     def _number(self, bits: int) -> float:
         kind = torch.int64 if self.dtype.itemsize == 8 else torch.int32
         return float(torch.tensor(bits, dtype=kind).view(self.dtype))
+
+
+def depth_percentile(
+    parts: Callable[[], Iterable[Tensor]], percent: float, dtype: torch.dtype
+) -> float | None:
+    """The distance of a pixel that so many percent of the pixels do not exceed.
+
+    Pixels of the sky and holes aside; between two surfaces there is nothing to focus on.
+
+    Args:
+        parts: Goes through all of the depth, part by part.
+        percent: From 0 to 100.
+        dtype: Of the depth, of 32 or 64 bits.
+
+    Returns:
+        The distance, None if all is sky.
+    """
+
+    def solid() -> Iterable[Tensor]:
+        return (part[torch.isfinite(part) & (part > 0)] for part in parts())
+
+    counts = sum((counted(part) for part in solid()), torch.zeros((), dtype=torch.long))
+    ranks = Ranks(counts, solid, dtype)
+    if not ranks.total:
+        return None
+    return ranks.exactly(min(max(math.ceil(ranks.total * (percent / 100)), 1), ranks.total))
 
 
 def _found(counts: Tensor, rank: int) -> tuple[int, int]:

@@ -6,10 +6,6 @@ of the aperture. Hidden layers fill only what visible ones leave, but in focus, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
-import torch
 from torch import Tensor
 
 from defocus_core.backdrop import Backdrop
@@ -34,26 +30,13 @@ from defocus_core.slopes import slopes
 from defocus_core.source import Pixels
 from defocus_core.surface import Samples
 from defocus_core.tiling import Box, Grid
+from defocus_core.views import Views
 
 # Px around a pixel that decide how it is tilted, and the gradient of its colours.
 _AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
 # Gaps between visible surfaces, as a share of the slopes that are neglected, that may be but errors
 # of depth in few levels: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
 _DOUBT = 0.5
-
-
-class Tile(NamedTuple):
-    """A tile that is composited.
-
-    Attributes:
-        images: The centre, or centre, left and right: [1 or 3, C, h, w].
-        trust: [1, 1, h, w].
-        culled: Which of the hidden layers that reach it were not needed.
-    """
-
-    images: Tensor
-    trust: Tensor
-    culled: tuple[int, ...]
 
 
 class Region:
@@ -172,16 +155,17 @@ class Region:
             return None
         return Filling(self._frame, self._grid, self._inner, hidden, slices)
 
-    def tile(self, index: int) -> Tile:
+    def tile(self, index: int) -> Views:
         """One of its tiles."""
         frame = self._frame
         fronts, culled = self._fronts(index)
         moved = fronts.moved
         whole, *halves = self._lit(fronts.seen, index)
         trust = self._trust(whole[:, -1], fronts.invented, index)
+        stats, box = self._counts(index, culled), self._tiles[index]
         centre = picture(whole, frame.weights[: frame.centre], signed=frame.signed)
         if not frame.left_right:
-            return Tile(centre[None], trust, culled)
+            return Views([centre], trust, stats, box)
         both = halves[0] if halves else whole
         if moved is not None:
             both = add_light(both, moved)
@@ -190,10 +174,10 @@ class Region:
         left = picture(both[:cut], frame.weights[first : first + cut])
         right = picture(both[cut:], frame.weights[first + cut :])
         pair = pair_of(centre, left, right, signed=frame.signed)
-        return Tile(torch.cat([centre[None], pair]), trust, culled)
+        return Views([centre, *pair], trust, stats, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, index: int) -> Tensor:
-        """The share of the aperture that saw the scene, [1, 1, h, w].
+        """The share of the aperture that saw the scene, [1, h, w].
 
         Of what m parts covered [m, h, w] what is not invented, times what of them looks into the
         frame.
@@ -204,7 +188,7 @@ class Region:
             expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
             within = share_observed(covered, expected[:, 0], box, self._frame.size)
             share = share * self._mean(within)
-        return share.clamp(0, 1)[None, None]
+        return share.clamp(0, 1)[None]
 
     def _mean(self, parts: Tensor) -> Tensor:
         """Of what m parts of the aperture see for the centre image, [m, h, w]."""
@@ -254,40 +238,36 @@ class Region:
         here = tile.seen_from(self._tiles[0])
         return [here.of(share) for share in self._in_frame]
 
-    def counts(self, made: Sequence[Tile]) -> dict[str, int]:
-        """What was computed for all its tiles, out of what a renderer that skips nothing would."""
-        tiles, hidden = len(self._tiles), self._hidden
-        visible = self._visible.surface.plan
-        planned = [[self._frame.windows[rung] for rung in rungs] for rungs in visible]
+    def _counts(self, index: int, culled: tuple[int, ...]) -> dict[str, int]:
+        """What was computed for a tile, out of what a renderer that skips nothing would.
+
+        Args:
+            index: Of the tile.
+            culled: The hidden layers that reach it but were not needed.
+        """
+        hidden, area = self._hidden, self._tiles[index].area
+        planned = [self._frame.windows[rung] for rung in self._visible.surface.plan[index]]
         behind = [
-            [(some.windows[rung], some.halvings) for rung in rungs]
-            for layer, some in enumerate(hidden)
-            for rungs, tile in zip(some.plan, made, strict=True)
-            if layer not in tile.culled
+            [(some.windows[rung], some.halvings) for rung in some.plan[index]] for some in hidden
         ]
-        work = [(window, window.halvings) for windows in planned for window in windows]
-        work += [(window, more + window.halvings) for some in behind for window, more in some]
-        culled = sum(len(some.plan[i]) for some in hidden for i in range(tiles))
-        culled -= sum(map(len, behind))
-        copied = [
-            tile.area
-            for i, tile in enumerate(self._tiles)
-            if not any(window.margin for window in planned[i])
-            and not any(some.windows[rung].margin for some in hidden for rung in some.plan[i])
-        ]
-        invented = self._invented[0].plan if self._invented else []
-        layers = list(zip(self._visible.pieces, self._tiles, strict=True))
+        needed = [pair for i, layer in enumerate(behind) if i not in culled for pair in layer]
+        work = [(window, window.halvings) for window in planned]
+        work += [(window, more + window.halvings) for window, more in needed]
+        reaching = sum(map(len, behind))
+        spread = any(window.margin for window in planned)
+        spread = spread or any(window.margin for layer in behind for window, _ in layer)
+        pieces = self._visible.pieces[index]
         return {
-            "pixels": sum(tile.area for tile in self._tiles),
-            "pixels_copied": sum(copied),
-            "tiles": tiles,
-            "slice_tiles": 2 * len(self._frame.windows) * tiles,
+            "pixels": area,
+            "pixels_copied": 0 if spread else area,
+            "tiles": 1,
+            "slice_tiles": 2 * len(self._frame.windows),
             "slice_tiles_done": len(work),
             "slice_tiles_blurred": sum(1 for window, _ in work if window.margin),
             "slice_tiles_reduced": sum(1 for _, halvings in work if halvings),
-            "slice_tiles_culled": culled,
-            "layer_pixels": sum(tile.area * len(some) for some, tile in layers),
-            "layer_pixels_done": sum(piece.patch.seen.area for some, _ in layers for piece in some),
-            "tiles_culled": sum(1 for tile in made if tile.culled),
-            "tiles_with_hidden": sum(1 for rungs in invented if rungs),
+            "slice_tiles_culled": reaching - len(needed),
+            "layer_pixels": area * len(pieces),
+            "layer_pixels_done": sum(piece.patch.seen.area for piece in pieces),
+            "tiles_culled": int(bool(culled)),
+            "tiles_with_hidden": int(bool(self._invented and self._invented[0].plan[index])),
         }

@@ -6,7 +6,6 @@ The centre image is the same whether or not left and right are asked for, and is
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -19,27 +18,7 @@ from defocus_core.known import Behind
 from defocus_core.modes import own_modes
 from defocus_core.picture import Picture
 from defocus_core.quality import find
-
-
-@dataclass(frozen=True)
-class Rendering:
-    """What `render` returns.
-
-    Attributes:
-        render: The defocused image, shaped as the image given.
-        left: As seen through the lens half u.x < 0, None if not asked for.
-        right: As seen through the lens half u.x >= 0, None if not asked for.
-        trust: [B, 1, H, W] or [1, H, W], the share of the aperture that saw pixels of the scene,
-            visible or known to be hidden: 1 where nothing was invented and nothing lies beyond the
-            frame.
-        stats: Counts of what was computed and what was skipped, summed over the batch.
-    """
-
-    render: Tensor
-    left: Tensor | None
-    right: Tensor | None
-    trust: Tensor
-    stats: dict[str, int]
+from defocus_core.views import Views, batch
 
 
 def render(
@@ -56,7 +35,7 @@ def render(
     tile: int | None = None,
     infinity: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Rendering:
+) -> Views:
     """Defocus images whose pixels have known CoC radii.
 
     I(x) is the mean over the aperture of what each lens point sees first (Haeberli & Akeley 1990);
@@ -91,7 +70,8 @@ def render(
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
-        Pictures in the shape and dtype of the image; half precision is computed in float32.
+        Views in the shape and dtype of the image, their counts summed over the batch; half
+        precision is computed in float32.
 
     Raises:
         ValueError: If shapes do not match, a radius or a pixel is not finite, an option is out of
@@ -100,8 +80,7 @@ def render(
     settings = find(quality)
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
-    done, trusts = [], []
-    stats: dict[str, int] = {}
+    views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
         with own_modes(pixels.device):
             picture = Picture(
@@ -118,17 +97,8 @@ def render(
                 infinity=infinity,
             )
             parts = picture.parts(progress=progress)
-            images, trust, counts = assembled(picture.frame, pixels, parts)
-        done.append(images)
-        trusts.append(trust[0])
-        stats = {name: stats.get(name, 0) + count for name, count in counts.items()}
-    kinds = zip(*done, strict=True)
-    centre, *pair = (
-        (torch.stack(some) if len(some) > 1 else some[0]).reshape(image.shape) for some in kinds
-    )
-    left, right = pair or (None, None)
-    seen = torch.stack(trusts).reshape(*image.shape[:-3], 1, *image.shape[-2:])
-    return Rendering(centre, left, right, seen, stats)
+            views.append(assembled(picture.frame, pixels, parts))
+    return batch(views) if image.dim() == 4 else views[0]
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:

@@ -6,10 +6,8 @@ What comes out is, to the last bit, what `render` makes of the same picture.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
 from defocus_core.aperture import Aperture
 from defocus_core.assembly import total
@@ -21,26 +19,7 @@ from defocus_core.modes import own_modes
 from defocus_core.picture import Picture
 from defocus_core.quality import find
 from defocus_core.source import Pixels
-from defocus_core.tiling import Box
-
-
-@dataclass(frozen=True)
-class Rendered:
-    """A region of the picture.
-
-    Attributes:
-        box: Where in the frame it is.
-        render: [C, h, w], in float32 at least.
-        left: The same through the lens half u.x < 0, None if not asked for.
-        right: The same through the other half.
-        trust: [h, w], see `Rendering`.
-    """
-
-    box: Box
-    render: Tensor
-    left: Tensor | None
-    right: Tensor | None
-    trust: Tensor
+from defocus_core.views import Views
 
 
 class Stream:
@@ -127,8 +106,8 @@ class Stream:
         self,
         at_once: int | None = None,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Iterator[Rendered]:
-        """Compute them.
+    ) -> Iterator[Views]:
+        """Compute them: images are [C, h, w], in float32 at least.
 
         Args:
             at_once: How many at once at most: bounds memory. None for as many as threads.
@@ -144,10 +123,8 @@ class Stream:
                 part = next(parts, None)
                 if part is None:
                     return
-                self._counts.append(part.counts)
-                centre, *pair = part.images.to(self._dtype)
-                left, right = pair or (None, None)
-                found = Rendered(part.box, centre, left, right, part.trust[0, 0].to(self._dtype))
+                self._counts.append(part.stats)
+                found = part.to(self._dtype)
             yield found
 
     @property

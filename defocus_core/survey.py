@@ -10,7 +10,7 @@ from torch import Tensor
 
 from defocus_core.antialiased import EVERY, averaged_from, averages
 from defocus_core.ends import ends_of
-from defocus_core.mending import Mending
+from defocus_core.mending import Mending, denoised
 from defocus_core.ramps import STEEP, are_steeper, steepness
 from defocus_core.ranks import Ranks, counted
 from defocus_core.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
@@ -154,6 +154,20 @@ def mending_of(
 
     told = list(threaded(looked_at, bands(height, width), threads))
     return _mending(signed_radius, told, infinity)
+
+
+def depth_mending(
+    signed_radius: Tensor, infinity: float | None = None, threads: int = 1
+) -> Mending:
+    """What would be mended of depth before it is rendered.
+
+    Args:
+        signed_radius: [H, W] px.
+        infinity: As for `render`.
+        threads: To compute with.
+    """
+    quiet, noise = denoised(signed_radius, threads, hold=True)
+    return mending_of(quiet, signed_radius.dtype, threads, infinity)._replace(noise=noise)
 
 
 def _depth_of(

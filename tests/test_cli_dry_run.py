@@ -183,7 +183,7 @@ def test_rendering_refuses_what_does_not_fit_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     job = large(monkeypatch, tmp_path, usual=900.0, threads_1=90.0).job
-    monkeypatch.setattr("defocus_core.stream.Stream", None)
+    monkeypatch.setattr("defocus_core.Stream", None)
     files = (job.picture.color, job.picture.depth)
     ran = run("render", *LENS, *files, "-o", tmp_path / "out", "--threads", "4")
     refused(ran, 3, str(job.picture.color), "450 MB", "use --threads 1")

@@ -25,9 +25,10 @@ from command_line import (
 )
 from image_files import multi_part
 
+import defocus_core
 from defocus_cli.commands.render import command
 from defocus_cli.raster import read_samples
-from defocus_core import QUALITIES, stream
+from defocus_core import QUALITIES
 
 SIZE = 64
 ASKED = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
@@ -173,13 +174,13 @@ def test_machine_options_reach_the_renderer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, Any] = {}
-    true_stream = stream.Stream
+    true_stream = defocus_core.Stream
 
     def spy(image: Any, radius: Any, **settings: Any) -> Any:
         asked.update(settings, device=image.device.type)
         return true_stream(image, radius, **settings)
 
-    monkeypatch.setattr(stream, "Stream", spy)
+    monkeypatch.setattr(defocus_core, "Stream", spy)
     machine = ("--quality", "draft", "--device", "cpu", "--threads", "3", "--tile", "64")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", *machine, "-v", "--json")
     assert (asked["quality"], asked["device"], asked["threads"]) == ("draft", "cpu", 3)

@@ -16,9 +16,10 @@ from defocus_cli.arrays import IN_MEMORY
 from defocus_cli.depth import Depth
 from defocus_cli.draws import Draw
 from defocus_cli.errors import InputError
-from defocus_cli.focusing import DRAWS, Rejected, focused, radius_map, signed_radius
+from defocus_cli.focusing import Rejected, focused, radius_map, signed_radius
 from defocus_cli.job import Lens
 from defocus_cli.lens_file import lens_of
+from defocus_core import ATTEMPTS
 
 LENS = Lens(50.0, 2.0, 2000.0)
 
@@ -97,7 +98,7 @@ def test_a_lens_that_does_not_suit_the_picture_is_drawn_again_within_its_range()
 
 
 def test_when_no_draw_suits_the_picture_it_is_rejected() -> None:
-    with pytest.raises(Rejected, match=f"last of {DRAWS} lenses") as caught:
+    with pytest.raises(Rejected, match=f"last of {ATTEMPTS} lenses") as caught:
         focused(drawn(0, "uniform(1, 2)", 0.01), depth_of(ramp()))
     assert caught.value.code == "coc-too-large"
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import DefocusLens, RandomDefocus, Rendering, render
+from defocus_core import DefocusLens, RandomDefocus, Views, render
 from defocus_core.scenery import scenery
 from defocus_core.stream import Stream
 
@@ -50,7 +50,7 @@ def mode(request: pytest.FixtureRequest) -> AbstractContextManager[None]:
     return MODES[request.param]()
 
 
-def pictures(seen: Rendering) -> Tensor:
+def pictures(seen: Views) -> Tensor:
     assert seen.left is not None
     assert seen.right is not None
     return torch.cat([seen.render, seen.left, seen.right, seen.trust])
@@ -100,11 +100,12 @@ def test_products_are_not_rounded_as_the_caller_allows() -> None:
 def test_the_callers_modes_do_not_change_a_lens(mode) -> None:
     image, depth = torch.rand(2, 3, 24, 32), torch.linspace(1e3, 5e3, 32).expand(2, 24, 32)
     lens = DefocusLens(50.0, 1.4, (36.0, 27.0), (32, 24))
-    psf, random = lens.psf(torch.tensor([0.0, 0.0, 900.0])), RandomDefocus()(image, depth, [1, 2])
+    psf = lens.psf(torch.tensor([0.0, 0.0, 900.0]))
+    random, _ = RandomDefocus()(image, depth, [1, 2])
     rendered = lens.render_rgbd(image, depth)
     with mode:
         assert torch.equal(lens.psf(torch.tensor([0.0, 0.0, 900.0], device="cpu")), psf)
         assert torch.equal(lens.render_rgbd(image, depth), rendered)
-        again = RandomDefocus()(image, depth, [1, 2])
+        again, lenses = RandomDefocus()(image, depth, [1, 2])
     assert torch.equal(again.render, random.render)
-    assert (again.fnum.device.type, again.fnum.dtype) == ("cpu", torch.float64)
+    assert (lenses.fnum.device.type, lenses.fnum.dtype) == ("cpu", torch.float64)

@@ -11,7 +11,16 @@ from tolerances import RENDERED
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from defocus_core import Aperture, DefocusLens, RandomDefocus, render
+from defocus_core import (
+    ATTEMPTS,
+    Aperture,
+    DefocusLens,
+    Distribution,
+    Lenses,
+    RandomDefocus,
+    Views,
+    render,
+)
 
 SIZE = (12, 18)  # H, W
 
@@ -30,30 +39,36 @@ def draft(**ranges: Any) -> RandomDefocus:
 
 
 def test_a_sample_is_the_same_in_any_batch() -> None:
-    whole = draft(left_right=True)(image(), depth(), [5, 6, 7])
-    alone = draft(left_right=True)(image()[1:2], depth()[1:2], torch.tensor([6]))
+    def tensors(views: Views, lenses: Lenses) -> list[Tensor]:
+        return [*views.images, views.trust, *lenses]
+
+    whole = tensors(*draft(left_right=True)(image(), depth(), [5, 6, 7]))
+    alone = tensors(*draft(left_right=True)(image()[1:2], depth()[1:2], torch.tensor([6])))
     for together, single in zip(whole, alone, strict=True):
         torch.testing.assert_close(together[1:2], single, rtol=0, atol=0)
 
 
 def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds() -> None:
     same = [x.expand(3, -1, -1, -1) for x in (image(1), depth(1))]
-    first, second = (draft()(*same, torch.Generator().manual_seed(4)) for _ in range(2))
-    assert len(set(first.fnum.tolist())) == len(set(first.foclen.tolist())) == 3
+    (first, lenses), (second, _) = (
+        draft()(*same, torch.Generator().manual_seed(4)) for _ in range(2)
+    )
+    assert len(set(lenses.fnum.tolist())) == len(set(lenses.foclen.tolist())) == 3
     torch.testing.assert_close(first.render, second.render, rtol=0, atol=0)
-    assert not torch.equal(first.fnum, draft()(*same, torch.Generator().manual_seed(5)).fnum)
+    other = draft()(*same, torch.Generator().manual_seed(5))[1]
+    assert not torch.equal(lenses.fnum, other.fnum)
 
 
 def test_what_is_rendered_is_what_the_lens_drawn_takes() -> None:
-    seen = draft(left_right=True)(image(), depth(), [5, 6, 7])
+    seen, drawn = draft(left_right=True)(image(), depth(), [5, 6, 7])
     for index in range(3):
         lens = DefocusLens(
-            float(seen.foclen[index]), float(seen.fnum[index]), (36.0, 24.0), (SIZE[1], SIZE[0])
+            float(drawn.foclen[index]), float(drawn.fnum[index]), (36.0, 24.0), (SIZE[1], SIZE[0])
         )
-        lens.refocus(float(seen.foc_dist[index]))
+        lens.refocus(float(drawn.foc_dist[index]))
         radius = lens.signed_radius(depth()[index])
-        torch.testing.assert_close(seen.signed_radius[index], radius)
-        aperture = Aperture(int(seen.blades[index]), float(seen.blade_rotation[index]))
+        torch.testing.assert_close(drawn.signed_radius[index], radius)
+        aperture = Aperture(int(drawn.blades[index]), float(drawn.blade_rotation[index]))
         wanted = render(image()[index], radius[0], aperture=aperture, quality="draft")
         torch.testing.assert_close(seen.render[index], wanted.render)
     assert seen.left is not None
@@ -67,17 +82,22 @@ def test_anti_aliased_depth_is_one_of_distances_here_too() -> None:
     fine = torch.where(x + 0.37 * y[:, None] < 60.2, 1000.0, 4000.0)
     averaged = torch.nn.functional.avg_pool2d(fine[None], 8)[None]
     picture = torch.rand(1, 3, *size, generator=torch.Generator().manual_seed(2))
-    seen = RandomDefocus(foclen=(85.0, 85.0), fnum=(1.4, 1.4), blades=(0,))(picture, averaged, [3])
+    seen, drawn = RandomDefocus(foclen=85, fnum=1.4, blades=0)(picture, averaged, [3])
     lens = DefocusLens(85.0, 1.4, (36.0, 24.0), (96, 64))
-    lens.refocus(float(seen.foc_dist))
+    lens.refocus(float(drawn.foc_dist))
     torch.testing.assert_close(seen.render, lens.render_rgbd(picture, averaged))
-    asked = render(picture, seen.signed_radius)  # which does not know of distances
+    asked = render(picture, drawn.signed_radius)  # which does not know of distances
     assert float((asked.render - seen.render).abs().max()) > 0.01
 
 
 def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
     tiny = torch.ones(200, 1, 1, 100), torch.linspace(1000, 2000, 100).expand(200, 1, 1, 100)
-    seen = draft(foclen=(20.0, 80.0), fnum=(1.0, 16.0), blades=(0, 6))(*tiny, range(200))
+    defocus = draft(
+        foclen=Distribution("loguniform", (20, 80)),
+        fnum=Distribution("loguniform", (1, 16)),
+        blades=Distribution("choice", (0, 6)),
+    )
+    _, seen = defocus(*tiny, range(200))
     shares = torch.stack(
         [
             (seen.foclen / 20).log() / math.log(4),
@@ -95,9 +115,10 @@ def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
     assert together.abs().max() < 4 / math.sqrt(200)
 
 
-def test_equal_ends_fix_the_lens() -> None:
-    fixed = draft(foclen=(50.0, 50.0), fnum=(2.0, 2.0), focus_percentile=(0.0, 0.0), blades=[0])
-    seen = fixed(image(), depth(), [1, 2, 3])
+def test_numbers_and_equal_ends_fix_the_lens() -> None:
+    nearest = Distribution("percentile", (0, 0))
+    fixed = draft(foclen=50.0, fnum=Distribution("loguniform", (2, 2)), foc_dist=nearest, blades=0)
+    _, seen = fixed(image(), depth(), [1, 2, 3])
     assert seen.foclen.tolist() == [50, 50, 50]
     assert seen.fnum.tolist() == [2, 2, 2]
     assert seen.foc_dist.tolist() == [1000, 2000, 3000]
@@ -107,26 +128,51 @@ def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
     far = depth(2).clone()
     far[0, :, :, 9:] = math.inf
     far[1] = math.inf
-    seen = draft(focus_percentile=(100.0, 100.0))(image(2), far, [1, 2])
-    assert seen.foc_dist[0] == far[0, 0, 0, 8]
-    assert seen.foc_dist[1] == math.inf
+    defocus = draft(foc_dist=Distribution("percentile", (100, 100)))
+    seen, lenses = defocus(image(2), far, [1, 2])
+    assert lenses.foc_dist[0] == far[0, 0, 0, 8]
+    assert lenses.foc_dist[1] == math.inf
     torch.testing.assert_close(seen.render[1], image(2)[1], rtol=0, atol=RENDERED[torch.float32])
 
 
-def test_the_f_number_rises_until_the_blur_fits() -> None:
-    free = draft()(image(), depth(), [1, 2, 3])
-    bound = float(free.signed_radius.abs().amax((1, 2, 3)).median())
-    seen = draft(max_radius=bound)(image(), depth(), [1, 2, 3])
-    most = seen.signed_radius.abs().amax((1, 2, 3))
-    assert most.max() <= bound * (1 + 1e-5)
-    raised = seen.fnum > free.fnum * (1 + 1e-5)
-    assert raised.sum() == 1
-    assert most[raised] == pytest.approx(bound, rel=1e-5)
+def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay() -> None:
+    _, free = draft()(image(), depth(), [1, 2, 3])
+    most = free.signed_radius.abs().amax((1, 2, 3))
+    bound = float(most.median()) * (1 + 1e-5)
+    _, bounded = draft(max_radius=bound)(image(), depth(), [1, 2, 3])
+    assert bounded.signed_radius.abs().max() <= bound * (1 + 1e-5)
+    assert (bounded.fnum == free.fnum).tolist() == (most <= bound).tolist()
+    assert int((most <= bound).sum()) == 2
+    assert bool(((bounded.fnum >= 1.4) & (bounded.fnum <= 16)).all())
+
+
+def test_where_no_lens_drawn_suits_a_picture_it_is_refused() -> None:
+    with pytest.raises(ValueError, match=f"max_radius must allow some lens.* {ATTEMPTS} lenses"):
+        draft(max_radius=1e-9)(image(), depth(), [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "words"),
+    [
+        ("normal", (1, 2), "must be one of uniform, .*, got 'normal'"),
+        ("uniform", (1,), "must have two numbers as ends, got 1"),
+        ("uniform", ("1m", 2), "must have two numbers as ends"),
+        ("uniform", (2, 1), "must begin at the lower end, got 2 and 1"),
+        ("uniform", (1, math.nan), "must begin at the lower end"),
+        ("loguniform", (0, 1), "must have ends above 0"),
+        ("loguniform", (1, math.inf), "must have finite ends"),
+        ("percentile", (5, 101), "must lie between 0 and 100"),
+        ("choice", (), "must have values to choose from"),
+    ],
+)
+def test_what_nothing_can_be_drawn_from_is_refused(kind: str, values: Any, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Distribution(kind, values)
 
 
 def test_gradients_reach_image_and_depth() -> None:
     sharp, planes = image(1).requires_grad_(), depth(1).requires_grad_()
-    draft(fnum=(0.2, 0.3))(sharp, planes, [3]).render.square().sum().backward()
+    draft(fnum=0.25)(sharp, planes, [3])[0].render.square().sum().backward()
     assert sharp.grad is not None
     assert planes.grad is not None
     assert sharp.grad.abs().max() > 0
@@ -137,14 +183,14 @@ class Frames(Dataset[dict[str, Tensor]]):
     """A training set: each sample has its own lens, the same one whenever it is asked for."""
 
     def __init__(self) -> None:
-        self.defocus = draft(fnum=(1.4, 4.0))
+        self.defocus = draft(fnum=Distribution("loguniform", (1.4, 4.0)))
 
     def __len__(self) -> int:
         return 4
 
     def __getitem__(self, index: int) -> dict[str, Tensor]:
-        seen = self.defocus(image(4)[index, None], depth(4)[index, None], [index])
-        return {"index": torch.tensor(index), "render": seen.render[0], "fnum": seen.fnum[0]}
+        seen, lenses = self.defocus(image(4)[index, None], depth(4)[index, None], [index])
+        return {"index": torch.tensor(index), "render": seen.render[0], "fnum": lenses.fnum[0]}
 
 
 def test_a_data_loader_gets_each_sample_with_its_own_lens() -> None:
@@ -158,23 +204,24 @@ def test_a_data_loader_gets_each_sample_with_its_own_lens() -> None:
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_the_lens_does_not_depend_on_the_device() -> None:
-    cpu = draft()(image(), depth(), [1, 2, 3])
-    gpu = draft()(image().cuda(), depth().cuda(), [1, 2, 3])
+    cpu, on_cpu = draft()(image(), depth(), [1, 2, 3])
+    gpu, on_gpu = draft()(image().cuda(), depth().cuda(), [1, 2, 3])
     assert gpu.render.is_cuda
-    torch.testing.assert_close(gpu.foc_dist, cpu.foc_dist, rtol=0, atol=0)
+    torch.testing.assert_close(on_gpu.foc_dist, on_cpu.foc_dist, rtol=0, atol=0)
     torch.testing.assert_close(gpu.render.cpu(), cpu.render, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(
     ("words", "arguments"),
     [
-        ("foclen must be", {"foclen": (50.0, 24.0)}),
-        ("fnum must be", {"fnum": (0.0, 2.0)}),
-        ("focus_percentile must be", {"focus_percentile": (5.0, 101.0)}),
+        ("foclen must be one number", {"foclen": (24.0, 50.0)}),
+        ("fnum must be positive", {"fnum": Distribution("uniform", (0, 2))}),
+        ("fnum must not be drawn from a disp", {"fnum": Distribution("disparity", (1, 2))}),
+        ("foc_dist must be positive", {"foc_dist": Distribution("choice", (1000, 0))}),
         ("sensor_width must be", {"sensor_width": 0.0}),
         ("max_radius must be", {"max_radius": 0.0}),
-        ("blades must", {"blades": ()}),
-        ("blades must be 0 or at least 3", {"blades": (0, 2)}),
+        ("blades must be whole", {"blades": Distribution("uniform", (5, 9))}),
+        ("blades must be 0 or at least 3", {"blades": Distribution("choice", (0, 2))}),
         ("quality must", {"quality": "best"}),
     ],
 )
@@ -195,7 +242,10 @@ def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(
         ("seeds must be one", (image(), depth(), 7)),
         ("depth must be positive, got -", (image(), -depth(), [1, 2, 3])),
         ("depth must be positive, got 0.0 in 648 of 648", (image(), 0 * depth(), [1, 2, 3])),
-        ("depth must be farther in focus .* foclen=", (image(), depth() / 1000, [1, 2, 3])),
+        (
+            "depth must be farther in focus .* last of 100 .* foclen=",
+            (image(), depth() / 1000, [1, 2, 3]),
+        ),
     ],
 )
 def test_what_does_not_fit_together_is_refused(words: str, arguments: tuple[Any, ...]) -> None:

@@ -48,5 +48,5 @@ def test_its_lines_run_one_after_another(jobs_file: Path, monkeypatch: pytest.Mo
     exec(block("import torch"), names)
     exec(block("from defocus_cli.finished import samples"), names)
     assert names["seen"].render.shape == names["image"].shape
-    assert names["seen"].signed_radius.abs().max() <= 20.001
+    assert names["lenses"].signed_radius.abs().max() <= 20.001
     assert [words[0].exists() for words in printed] == [True]

@@ -9,7 +9,7 @@ from scenes import RADII, blurred_card, pattern
 from tolerances import RENDERED, ROUNDING
 from torch import Tensor
 
-from defocus_core import QUALITIES, Rendering, frame, render, tiling
+from defocus_core import QUALITIES, Views, frame, render, tiling
 
 EXACT = RENDERED[torch.float64]
 SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]  # odd, even, thin, more than one tile
@@ -85,7 +85,7 @@ def test_threads_change_no_byte(kind: str) -> None:
     size = (150, 200)
     image, radius = noise(size, torch.float32), RADII[kind](size).float()
 
-    def with_threads(count: int) -> Rendering:
+    def with_threads(count: int) -> Views:
         return render(image, radius, threads=count, left_right=True)
 
     one, two = with_threads(1), with_threads(2)

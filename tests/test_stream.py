@@ -7,11 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import derived
+from defocus_core import Views, derived, render
 from defocus_core.hidden import HiddenLayer
 from defocus_core.known import Behind
 from defocus_core.planning import plan
-from defocus_core.render import Rendering, render
 from defocus_core.scenery import scenery
 from defocus_core.stream import Stream
 from defocus_core.tiling import TILE
@@ -54,8 +53,8 @@ def put_together(stream: Stream, at_once: int | None = None) -> dict[str, Tensor
     return found
 
 
-def same(found: dict[str, Tensor], rendering: Rendering) -> bool:
-    return all(torch.equal(found[kind], getattr(rendering, kind).squeeze(0)) for kind in found)
+def same(found: dict[str, Tensor], rendering: Views) -> bool:
+    return all(torch.equal(found[kind], getattr(rendering, kind)) for kind in found)
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])

@@ -10,7 +10,7 @@ from measures import worst
 from tolerances import RENDERED, WHITE
 from torch import Tensor
 
-from defocus_core import QUALITIES, Aperture, DefocusLens, Rendering, render
+from defocus_core import QUALITIES, Aperture, DefocusLens, Views, render
 
 NOISE = 1e-4  # of the local truth, in the dark beside lights a hundred million times as bright
 MEAN = 1e-6  # rounding of left, right and their mean
@@ -31,7 +31,7 @@ class Shot(NamedTuple):
     quality: str
     blades: int
 
-    def __call__(self, image: Tensor, radius: Tensor, *, left_right: bool = True) -> Rendering:
+    def __call__(self, image: Tensor, radius: Tensor, *, left_right: bool = True) -> Views:
         aperture = Aperture(self.blades)
         return render(image, radius, aperture=aperture, quality=self.quality, left_right=left_right)
 
@@ -115,7 +115,7 @@ def scenes(draw: st.DrawFn, kinds: st.SearchStrategy[str] = kinds) -> tuple[Tens
 few = settings(deadline=None, derandomize=True, max_examples=60)
 
 
-def three(o: Rendering) -> tuple[Tensor, Tensor, Tensor]:
+def three(o: Views) -> tuple[Tensor, Tensor, Tensor]:
     assert o.left is not None
     assert o.right is not None
     return o.render, o.left, o.right

@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, pad
 
+from defocus_core import Views, render
 from defocus_core.backdrop import backdrop
 from defocus_core.probes import rounded, worst_relative
-from defocus_core.render import Rendering, render
 from defocus_core.ties import halfway
 
 # What the last bits of a picture of order one may make of it.
@@ -61,7 +61,7 @@ def terraces(seed: int) -> tuple[Tensor, Tensor]:
     return image, 0.3 * (60 * wide).round() - 8
 
 
-def off(one: Rendering, other: Rendering) -> float:
+def off(one: Views, other: Views) -> float:
     """By how much two renderings differ at most."""
     pairs = (
         (one.render, other.render),

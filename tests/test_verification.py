@@ -10,22 +10,21 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from defocus_core import Rendering, checks, probes, verification
+from defocus_core import Views, checks, probes, verification
 from defocus_core.checks import Check, Setting
 from defocus_core.probes import levels
 from defocus_core.render import render as true_render
 
-Render = Callable[..., Rendering]
+Render = Callable[..., Views]
 GPU_ALIKE = Setting("cpu:0", "standard")  # not "cpu": compared with it as a GPU is
 
 
 def on_pictures(change: Callable[[Tensor], Tensor]) -> Render:
     """A renderer that does something to each of its pictures."""
 
-    def wrong(image: Tensor, radius: Tensor, **options: object) -> Rendering:
+    def wrong(image: Tensor, radius: Tensor, **options: object) -> Views:
         seen = true_render(image, radius, **options)  # type: ignore[arg-type]
-        left, right = (None if x is None else change(x) for x in (seen.left, seen.right))
-        return replace(seen, render=change(seen.render), left=left, right=right)
+        return seen._replace(images=[change(image) for image in seen.images])
 
     return wrong
 
@@ -36,12 +35,12 @@ def on_radii(change: Callable[[Tensor], Tensor]) -> Render:
 
 
 def on_pair(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Render:
-    def wrong(image: Tensor, radius: Tensor, **options: object) -> Rendering:
+    def wrong(image: Tensor, radius: Tensor, **options: object) -> Views:
         seen = true_render(image, radius, **options)  # type: ignore[arg-type]
         if seen.left is None or seen.right is None:
             return seen
         left, right = change(seen.left, seen.right)
-        return replace(seen, left=left, right=right)
+        return seen._replace(images=[seen.render, left, right])
 
     return wrong
 
@@ -49,7 +48,7 @@ def on_pair(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Render
 def brighter_by(option: str) -> Render:
     """A renderer whose pictures depend a little on an option that must not matter."""
 
-    def wrong(image: Tensor, radius: Tensor, **options: object) -> Rendering:
+    def wrong(image: Tensor, radius: Tensor, **options: object) -> Views:
         scale = 1 + 1e-6 * float(options[option])  # type: ignore[arg-type]
         return on_pictures(lambda picture: picture * scale)(image, radius, **options)
 

@@ -16,7 +16,7 @@ from defocus_cli.process_settings import set_to_render
 from defocus_cli.quantities import counted
 
 if TYPE_CHECKING:
-    from defocus_core.checks import Check, Setting
+    from defocus_core import Check, Setting
 
 
 @click.command(
@@ -46,7 +46,7 @@ def command(machine: Machine, as_json: bool) -> int:
     engine.load()
     import torch
 
-    from defocus_core.checks import Setting
+    from defocus_core import Setting
 
     device = engine.choose_device(machine.device)
     set_to_render()
@@ -74,7 +74,7 @@ def command(machine: Machine, as_json: bool) -> int:
 
 def _watched(setting: Setting) -> Iterator[Check]:
     """All checks, with a bar that counts the laws if a terminal sees."""
-    from defocus_core.verification import LAWS, verify
+    from defocus_core import LAWS, verify
 
     if sys.stderr is None or not sys.stderr.isatty():  # None: closed by whoever started us
         for checks in verify(setting):

@@ -1,0 +1,97 @@
+"""Distributions that options of a lens are drawn from, and draws that can be repeated.
+
+A draw depends on its keys and the name of the option, and on nothing else: not on other options,
+other pictures, the machine or the process. Numbers have six digits, so that the rounding of one
+machine's logarithm does not tell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any
+
+# How often a lens is drawn for a picture until one suits it.
+ATTEMPTS = 100
+
+# The number at a share in [0, 1) of the range from low to high.
+_RANGES: dict[str, Callable[[float, float, float], float]] = {
+    "uniform": lambda low, high, share: low + (high - low) * share,
+    "loguniform": lambda low, high, share: low * (high / low) ** share,
+    "disparity": lambda low, high, share: 1 / ((1 - share) / low + share / high),
+    "percentile": lambda low, high, share: low + (high - low) * share,
+}
+KINDS = (*_RANGES, "choice")
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """What an option is drawn from.
+
+    Attributes:
+        kind: "uniform"; "loguniform", uniform in the logarithm; "disparity", uniform in 1/distance;
+            "percentile", a percentile of the depth, uniform from 0 to 100; or "choice", each value
+            as often as the others.
+        values: The low and the high end of the range, or the values to choose from. Equal ends fix
+            the value; the high end of "disparity" may be inf.
+    """
+
+    kind: str
+    values: tuple[Any, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what nothing can be drawn from.
+
+        Raises:
+            ValueError: If the kind is unknown, or the values do not suit it.
+        """
+        if self.kind not in KINDS:
+            raise ValueError(f"a distribution must be one of {', '.join(KINDS)}, got '{self.kind}'")
+        object.__setattr__(self, "values", tuple(self.values))
+        if self.kind == "choice":
+            if not self.values:
+                raise ValueError("choice must have values to choose from; give one at least")
+            return
+        try:
+            low, high = map(float, self.values)
+        except (TypeError, ValueError):
+            ends = f"got {len(self.values)}: {self.values}"
+            raise ValueError(f"{self.kind} must have two numbers as ends, {ends}") from None
+        if math.isinf(low) or (math.isinf(high) and self.kind != "disparity"):
+            raise ValueError(f"{self.kind} must have finite ends; only disparity reaches infinity")
+        if low <= 0 and self.kind in ("loguniform", "disparity"):
+            raise ValueError(f"{self.kind} must have ends above 0, got {low:g}")
+        if not low <= high:
+            raise ValueError(f"{self.kind} must begin at the lower end, got {low:g} and {high:g}")
+        if self.kind == "percentile" and not 0 <= low <= high <= 100:
+            raise ValueError(f"percentile must lie between 0 and 100, got {low:g} and {high:g}")
+
+    def at(self, share: float) -> Any:
+        """The value at a share in [0, 1) of the distribution."""
+        if self.kind == "choice":
+            return self.values[int(share * len(self.values))]
+        low, high = self.values
+        value = float(f"{_RANGES[self.kind](low, high, share):.6g}")
+        return min(max(value, low), high)
+
+
+def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
+    """The value of each option: drawn if it is a distribution, else as it is.
+
+    Args:
+        options: The options by name.
+        keys: What decides the draw, such as a seed, the name of a picture and a number.
+    """
+    return {
+        name: option.at(_share(*keys, name)) if isinstance(option, Distribution) else option
+        for name, option in options.items()
+    }
+
+
+def _share(*keys: object) -> float:
+    """A number in [0, 1), as good as random, that the keys decide."""
+    text = "\0".join(map(str, keys))
+    digest = blake2b(text.encode("utf-8", "surrogateescape"), digest_size=8).digest()
+    return (int.from_bytes(digest) >> 11) / 2**53
