@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli import memory
 from defocus_cli.accuracy import quality_of
@@ -30,8 +30,8 @@ def load_inputs(job: Job) -> Loaded:
         InputError: an input cannot be used.
         UsageProblem: the options make no sense for it.
     """
-    picture, held = job.picture, holding(job)
-    if (at_once := held.held_mb) > (left := capacity_mb(job.machine)) and held.whole_mb:
+    picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
+    if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     color, depth = read(picture, job.reading, held.keeping)
@@ -49,7 +49,7 @@ def load_inputs(job: Job) -> Loaded:
 
 
 def needs_hidden(job: Job) -> bool:
-    """Whether a job would look at what lies behind."""
+    """Whether a job renders, and so looks at what lies behind."""
     return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
 
 
@@ -65,7 +65,19 @@ def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | Non
         InputError: the picture cannot be taken with this lens, or does not fit into memory.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    device = choose_device(job.machine.device)
+    outcome, radius = looked_at(job, loaded)
+    if not needs_hidden(job):
+        return Made(outcome, loaded.color, radius, {}, {})
+    return rendered(loaded, radius, outcome, progress)
+
+
+def looked_at(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
+    """What is known of a job before it is rendered, and its signed radii [H, W] in px.
+
+    Raises:
+        InputError: the picture cannot be taken with this lens.
+        UsageProblem: the options make no sense for this picture or machine.
+    """
     height, width = loaded.depth.metres.shape
     lens = focused(job.lens, loaded.depth)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
@@ -76,13 +88,11 @@ def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | Non
         coc_px=ends,
         color_note=loaded.color.note,
         depth_note=loaded.depth.note,
-        device=device,
+        device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
         warnings=_unheeded(loaded),
     )
-    if not set(job.outputs.kinds) & set(RENDERED_KINDS):
-        return Made(outcome, loaded.color, radius, {}, {})
-    return rendered(loaded, radius, outcome, progress)
+    return outcome, radius
 
 
 def _unheeded(loaded: Loaded) -> tuple[str, ...]:

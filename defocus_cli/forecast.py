@@ -7,18 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli import memory
-from defocus_cli.arrays import Windows, scratch_folder
+from defocus_cli.arrays import scratch_folder
 from defocus_cli.budget import base_mb
-from defocus_cli.calibration import Calibration, calibrated
+from defocus_cli.calibration import work_per_second
 from defocus_cli.errors import UserError
-from defocus_cli.focusing import focused, radius_map
 from defocus_cli.job import RENDERED_KINDS, Job
 from defocus_cli.made import mended_words
-from defocus_cli.sizing import most_at_once, planned_work, room_on, too_large
+from defocus_cli.sizing import peak_mb
 
 if TYPE_CHECKING:
-    from defocus_core.planning import Plan
+    from defocus_core import Cost
 
 # Pictures of a batch that are looked at; the others are taken for alike.
 MOST_READ = 16
@@ -33,9 +31,9 @@ class Forecast:
         size: (width, height) in px.
         coc_px: smallest and largest signed radius.
         read_seconds: that reading took.
-        plan: the work; None where only maps are written, which takes none.
-        seconds: of the rendering, as `render_seconds` will tell.
-        peak_mb: most memory that the process, or the GPU, will hold.
+        cost: the work; None where only maps are written, which takes none.
+        seconds: of the rendering, as `render_seconds` will tell, within a factor of two.
+        peak_mb: a bound of the memory that the process, or the GPU, will hold.
         scratch_mb: that its arrays take in scratch files; 0 if they are held in memory.
         color_note: how its colour is read.
         depth_note: how its depth is read.
@@ -46,7 +44,7 @@ class Forecast:
     size: tuple[int, int]
     coc_px: tuple[float, float]
     read_seconds: float
-    plan: Plan | None
+    cost: Cost | None
     seconds: float
     peak_mb: float
     scratch_mb: float = 0.0
@@ -72,14 +70,13 @@ def forecasts(
 
     engine.load()
     device = engine.choose_device(jobs[0].machine.device)
-    base = base_mb() if device == "cpu" else memory.held_mb(device)
-    calibration = None
+    rate = 0.0
     if any(_renders(job) for job in jobs):
-        calibration = calibrated(device, jobs[0].machine.threads)
+        rate = work_per_second(device, jobs[0].machine.threads)
     found = {}
     for number in _some(len(jobs)):
         try:
-            found[number] = _forecast(jobs[number], device, base, calibration)
+            found[number] = _forecast(jobs[number], device, rate)
         except UserError as error:
             if unusable is None:
                 raise
@@ -97,42 +94,35 @@ def _renders(job: Job) -> bool:
     return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
 
 
-def _forecast(job: Job, device: str, base: float, calibration: Calibration | None) -> Forecast:
+def _forecast(job: Job, device: str, rate: float) -> Forecast:
     from defocus_cli import engine
+    from defocus_cli.rendering import stream_of
+    from defocus_core import cost
 
     start = time.perf_counter()
     loaded = engine.load_inputs(job)
     read_seconds = time.perf_counter() - start
-    height, width, _ = loaded.color.shape
-    lens, held = focused(job.lens, loaded.depth), loaded.holding
-    radius, reach = radius_map(lens, loaded.depth, held.keeping)
-    planned, seconds, peak = None, 0.0, base + (held.held_mb if device == "cpu" else 0.0)
-    if calibration is not None and _renders(job):
-        image, signed = Windows(loaded.color.planes, "cpu"), Windows([radius], "cpu", lone=True)
-
-        def plan_of(changed: Job) -> Plan:
-            return planned_work(changed, lens, image, signed, reach)
-
-        planned = plan_of(job)
-        seconds = calibration.predicted_seconds(planned)
-        room = room_on(held.room_mb, device)
-        if (fit := most_at_once(job, calibration, planned, room)) is None:
-            raise too_large(job, device, room, plan_of)
-        peak += calibration.predicted_mb(planned, fit.at_once)
-        peak += fit.hold * planned.cells / memory.MB
-    scratch = held.arrays_mb if held.scratch else 0.0
+    outcome, radius = engine.looked_at(job, loaded)
+    held = loaded.holding
+    found, seconds, mended = None, 0.0, ""
+    peak = base_mb() + held.files_mb if device == "cpu" else 0.0
+    if _renders(job):
+        stream = stream_of(loaded, radius, outcome)
+        found = cost(stream)
+        seconds, peak = found.work / rate, peak_mb(job, stream, held, device)
+        mended = mended_words(stream.mending)
     return Forecast(
         job=job,
-        size=(width, height),
-        coc_px=reach,
+        size=outcome.size,
+        coc_px=outcome.coc_px,
         read_seconds=read_seconds,
-        plan=planned,
+        cost=found,
         seconds=seconds,
         peak_mb=peak,
-        scratch_mb=scratch,
+        scratch_mb=held.arrays_mb if held.scratch else 0.0,
         color_note=loaded.color.note,
         depth_note=loaded.depth.note,
-        depth_mended="" if planned is None else mended_words(planned.mending),
+        depth_mended=mended,
     )
 
 
@@ -150,9 +140,9 @@ def record(forecast: Forecast) -> dict[str, Any]:
     if forecast.scratch_mb:
         found["scratch_mb"] = forecast.scratch_mb
         found["scratch_folder"] = str(scratch_folder())
-    if (plan := forecast.plan) is not None:
-        names = ("slices", "tiles", "slice_tiles", "slice_tiles_done", "tiles_with_hidden")
-        found["stats"] = {name: getattr(plan, name) for name in names}
+    if (cost := forecast.cost) is not None:
+        names = ("slices", "tiles", "slice_tiles", "slice_tiles_seen")
+        found["stats"] = {name: getattr(cost, name) for name in names}
     return found
 
 
@@ -164,14 +154,14 @@ def line(forecast: Forecast) -> str:
     scratch = ""
     if forecast.scratch_mb:
         scratch = f", and {forecast.scratch_mb:.0f} MB of scratch in {scratch_folder()}"
-    if (plan := forecast.plan) is None:
+    if (cost := forecast.cost) is None:
         return f"{told}maps alone, nothing is rendered{scratch}"
-    share = 100 * plan.slice_tiles_done / plan.slice_tiles
+    share = 100 * cost.slice_tiles_seen / cost.slice_tiles
     mended = f"; depth: {forecast.depth_mended}" if forecast.depth_mended else ""
     return (
-        f"{told}{plan.slices} slices, {plan.slice_tiles_done} of {plan.slice_tiles} steps of "
-        f"slice x tile ({share:.0f} %); about {duration(forecast.seconds)}, "
-        f"{forecast.peak_mb:.0f} MB{scratch}{mended}"
+        f"{told}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "
+        f"slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
+        f"at most {forecast.peak_mb:.0f} MB{scratch}{mended}"
     )
 
 

@@ -40,14 +40,11 @@ def rendered(
     """
     import torch
 
-    from defocus_cli.sizing import holds_cells, regions_at_once, room_on
+    from defocus_cli.sizing import regions_at_once
     from defocus_core import TILE
 
     job, device = outcome.job, outcome.device
     set_to_render()
-    image, signed = Windows(loaded.color.planes, device), Windows([radius], device, lone=True)
-    hold = holds_cells(image.shape, room_on(device, loaded.holding.room_mb))
-    behind = _behind(loaded, outcome) if loaded.behind is not None else None
     images = _Images(job, loaded)
     warnings: list[str] = []
     wall, cpu = time.perf_counter(), time.process_time()
@@ -55,7 +52,7 @@ def rendered(
     while True:
         images.clamped.clear()
         try:
-            stream = _stream(outcome, image, signed, behind, tile, hold)
+            stream = stream_of(loaded, radius, outcome, tile)
             if at_once is None:
                 at_once = regions_at_once(job, stream, loaded.holding, device)
                 if at_once < job.machine.threads:  # memory is short
@@ -92,28 +89,31 @@ def rendered(
     return Made(done, loaded.color, radius, images.planes, images.clamped)
 
 
-def _stream(
-    outcome: Outcome,
-    image: Windows,
-    signed: Windows,
-    behind: Behind | None,
-    tile: int | None,
-    hold: bool,
-) -> Stream:
+def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = None) -> Stream:
+    """The picture of a job, to be rendered region by region.
+
+    Args:
+        loaded: the picture.
+        radius: signed CoC radius in px, [H, W].
+        outcome: the job, and what is known of it so far.
+        tile: side of tiles in px.
+    """
+    from defocus_cli.sizing import holds_cells, room_on
     from defocus_core import Aperture, Stream
 
-    job, lens = outcome.job, outcome.lens
+    job, lens, device = outcome.job, outcome.lens, outcome.device
+    image = Windows(loaded.color.planes, device)
     return Stream(
         image,
-        signed,
+        Windows([radius], device, lone=True),
         aperture=Aperture(lens.blades, lens.blade_rotation),
         quality=outcome.quality,
         left_right=bool({"left", "right"} & set(job.outputs.kinds)),
-        hidden=behind,
+        hidden=None if loaded.behind is None else _behind(loaded, outcome),
         threads=job.machine.threads,
-        tile=tile,
+        tile=tile or job.machine.tile,
         infinity=radius_at_infinity(lens, outcome.size),
-        hold=hold,
+        hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
 

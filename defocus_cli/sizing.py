@@ -12,7 +12,7 @@ from defocus_cli.job import Job
 
 if TYPE_CHECKING:
     from defocus_cli.budget import Holding
-    from defocus_core.stream import Stream
+    from defocus_core import Stream
 
 # Share of the room that the cells of a draft may take.
 _FOR_CELLS = 0.25
@@ -28,7 +28,7 @@ def room_on(device: str, room_mb: float) -> float:
 
 def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
     """Whether the cells of a draft of a picture [C, H, W] are held, not made again where needed."""
-    from defocus_core.cost import cells_bytes
+    from defocus_core import cells_bytes
 
     return cells_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
 
@@ -39,7 +39,7 @@ def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> 
     Raises:
         TooLarge: not even one fits; the remedy is the option with which it would.
     """
-    from defocus_core.cost import memory_bound
+    from defocus_core import memory_bound
 
     threads, room = job.machine.threads, room_on(device, holding.room_mb)
 
@@ -64,7 +64,7 @@ def peak_mb(job: Job, stream: Stream, holding: Holding, device: str) -> float:
     Raises:
         TooLarge: it does not fit.
     """
-    from defocus_core.cost import memory_bound
+    from defocus_core import memory_bound
 
     at_once = regions_at_once(job, stream, holding, device)
     bound = memory_bound(stream, job.machine.threads, at_once) / memory.MB

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from defocus_core.aperture import Aperture
 from defocus_core.checks import Check, Setting
+from defocus_core.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.hidden import HiddenLayer
 from defocus_core.known import Behind
 from defocus_core.lens import DefocusLens
 from defocus_core.mending import Mending
-from defocus_core.planning import Plan, plan
 from defocus_core.quality import QUALITIES
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.ranks import depth_percentile
@@ -33,22 +33,24 @@ __all__ = [
     "Aperture",
     "Behind",
     "Check",
+    "Cost",
     "DefocusLens",
     "Distribution",
     "HiddenLayer",
     "Lenses",
     "Mending",
     "Pixels",
-    "Plan",
     "RandomDefocus",
     "Setting",
     "Stream",
     "Views",
+    "cells_bytes",
     "cheapest_within",
+    "cost",
     "depth_mending",
     "depth_percentile",
     "drawn",
-    "plan",
+    "memory_bound",
     "quantisation",
     "render",
     "verify",

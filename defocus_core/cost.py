@@ -25,8 +25,9 @@ from defocus_core.tiling import BLOCK, Box, Grid, blocks_of, regions, visible_sl
 
 # Units of work, as they explain the times of 42 pictures of seven kinds within a factor of two: for
 # a picture, and for a sample of a pixel that is computed, of one that a draft enlarges, of a slice
-# in a tile, and of what is invented behind an edge, for each px of blur.
-_PICTURE, _COMPUTED, _ENLARGED, _SLICED, _BEHIND = 3e6, 15.0, 4.0, 4.0, 66.0
+# in a tile, and of what is invented behind an edge, for each px of blur; the last times so many
+# where hidden content is not halved.
+_PICTURE, _COMPUTED, _ENLARGED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 4.0, 66.0, 6.0
 # Bytes beside what is counted: of the program's own structures, and of the tile of each thread.
 _FIXED, _OF_THREAD = 10e6, 24e6
 # Copies of a region that are held while it is computed: of its pixels, of those of hidden surfaces,
@@ -63,14 +64,14 @@ def cost(stream: Stream) -> Cost:
     seen = sum(map(len, plan))
     samples = stream.picture.image.shape[0] + 1
     around = sum(_around(frame, grid).area for grid in grids)
-    halved = 4 ** (1 - frame.quality.hidden_halvings)
+    full_size = 1.0 if frame.quality.hidden_halvings else _AT_FULL_SIZE
     pixels = stream.size[0] * stream.size[1]
     work = (
         pixels * (3 if frame.left_right else 1)
-        + _COMPUTED * around
+        + _COMPUTED * (1.4 if frame.left_right else 1.0) * around
         + _ENLARGED * pixels * stream.picture.at_half_size
         + _SLICED * (1 + len(frame.parts) / 4) * _samples_sliced(frame, tiles, plan)
-        + _BEHIND * halved * edges * max(map(abs, frame.ends))
+        + _BEHIND * full_size * edges * max(map(abs, frame.ends))
     )
     slices, count = len(frame.radii), len(frame.grid.tiles)
     return Cost(slices, count, 2 * slices * count, seen, _PICTURE + samples * work)
@@ -95,7 +96,9 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
     result = max((grid.box.area for grid in grids), default=0)
     result *= (channels * (3 if frame.left_right else 1) + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.edges * 0.7
-    enlarged = 3 * stream.picture.at_half_size * pixels * sample * isinstance(stream.picture.image, Tensor)
+    enlarged = (
+        3 * stream.picture.at_half_size * pixels * sample * isinstance(stream.picture.image, Tensor)
+    )
     spectra = 2 * _bytes_of_spectra(frame)
     whole = _FIXED + coarse + enlarged + spectra
     return whole + threads * _OF_THREAD + at_once * (region + result)

@@ -16,7 +16,7 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli import arrays, batch_options, budget, exr, exr_strips, memory, sizing
+from defocus_cli import arrays, batch_options, budget, exr, exr_strips, memory
 from defocus_cli.arrays import Scratch
 from defocus_cli.batch_options import Crew, computed_by
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
@@ -203,14 +203,13 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
 def test_too_little_memory_is_refused_with_how_much_would_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sizing, "_REMEDIES", ())
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
-    ran = render(*args, "--memory", "20MB")
-    refused(ran, 3, "needs about", "0 MB are left beside the", "of the program; use --memory ")
-    dry = render(*args, "--memory", "20MB", "--dry-run")
+    ran = render(*args, "--memory", "20MB", "--threads", "1")
+    refused(ran, 3, "to render, but", "MB are allowed; use --memory ")
+    dry = render(*args, "--memory", "20MB", "--threads", "1", "--dry-run")
     assert (dry.code, dry.err) == (3, ran.err), "a dry run says so, too"
     enough = ran.err.strip().rpartition(" ")[2]
-    assert render(*args, "--memory", enough).code == 0
+    assert render(*args, "--memory", enough, "--threads", "1").code == 0
 
 
 @pytest.mark.parametrize("arrays", [5.0, 53.0, 160.0, 500.0, 2000.0])
@@ -309,7 +308,7 @@ def test_where_a_gpu_runs_out_of_memory_tiles_get_smaller(
     render(*args, "-o", tmp_path / "a", "--tile", "48")
     tried = out_of_memory(monkeypatch, fits=48)
     (done,) = render(*args, "-o", tmp_path / "b").json["pictures"]
-    assert tried == [(192, None), (192, 1), (96, 1), (48, 1)]
+    assert tried == [(192, 2), (192, 1), (96, 1), (48, 1)]
     assert "tiles of 48 px" in done["warnings"][0]
     assert files(tmp_path / "a") == files(tmp_path / "b")
 

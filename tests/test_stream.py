@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 import torch
+from defocus_core.planning import plan
 from torch import Tensor
 
 from defocus_core import Views, derived, render
 from defocus_core.hidden import HiddenLayer
 from defocus_core.known import Behind
-from defocus_core.planning import plan
 from defocus_core.scenery import scenery
 from defocus_core.stream import Stream
 from defocus_core.tiling import TILE
