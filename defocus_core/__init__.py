@@ -11,7 +11,7 @@ from defocus_core.lens import DefocusLens
 from defocus_core.quality import QUALITIES
 from defocus_core.random_lens import RandomDefocus, RandomlyDefocused
 from defocus_core.render import Rendering, render
-from defocus_core.slicing import cheapest_within, quantisation
+from defocus_core.slicing import UnreachableTolerance, cheapest_within, quantisation
 
 __all__ = [
     "QUALITIES",
@@ -21,6 +21,7 @@ __all__ = [
     "RandomDefocus",
     "RandomlyDefocused",
     "Rendering",
+    "UnreachableTolerance",
     "cheapest_within",
     "quantisation",
     "render",
