@@ -14,10 +14,14 @@ def quality_of(machine: Machine, coc_px: tuple[float, float]) -> str:
     """
     if machine.tolerance is None:
         return machine.quality
-    from defocus_core import cheapest_within
+    from defocus_core import UnreachableTolerance, cheapest_within
 
     try:
         return cheapest_within(machine.tolerance, *coc_px)
-    except ValueError as error:
-        problem, remedy = str(error).removeprefix("tolerance ").split("; ")
-        raise UsageProblem("--tolerance", problem, f"give more: {remedy}") from None
+    except UnreachableTolerance as error:
+        problem = (
+            f"must be at least {error.finest:g} px where radii go from {error.least:.1f} to "
+            f"{error.most:.1f} px, got {error.tolerance:g}"
+        )
+        remedy = f"give more: that is what {error.quality} has"
+        raise UsageProblem("--tolerance", problem, remedy) from None

@@ -18,7 +18,7 @@ from defocus_cli.exr import read_parts
 from defocus_cli.exr_header import is_exr, read_headers
 from defocus_cli.files import read_head
 from defocus_cli.float_maps import is_float_map, read_float_map
-from defocus_cli.layers import choose_depth
+from defocus_cli.layers import NoDepthChannel, choose_depth
 from defocus_cli.quantities import counted
 from defocus_cli.raster import choose_page, read_pages, read_samples
 
@@ -121,8 +121,11 @@ def _from_exr(
     headers = read_headers(path)
     try:
         chosen = choose_depth(path, headers, channel=channel, part=part)
-    except InputError as error:
-        raise _grey_hint(path, error, channel) or error from None
+    except NoDepthChannel as error:
+        if not any(_grey(each) for each in read_parts(path)):
+            raise
+        remedy = "R, G and B are equal: if they are the depth, say --depth-channel R"
+        raise NoDepthChannel(path, error.problem, remedy) from None
     header = chosen.header
     if not header.data.covers(header.display):
         problem = "has depth in its data window only, which leaves pixels of the picture without"
@@ -146,17 +149,8 @@ def _from_exr(
     return _depth(path, chosen.name, pixels, unit or "m", told, keeping)
 
 
-def _grey_hint(path: Path, error: InputError, channel: str | None) -> InputError | None:
-    """A sharper remedy for depth that was saved as a grey RGB image, if that is what it is."""
-    if channel is not None or "no depth channel" not in error.problem:
-        return None
-    if not any(_grey(part) for part in read_parts(path)):
-        return None
-    remedy = "R, G and B are equal: if they are the depth, say --depth-channel R"
-    return InputError(path, error.problem, remedy)
-
-
 def _grey(part: Part) -> bool:
+    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
     import numpy as np
 
     planes: Sequence[Any] = [part.channels.get(name) for name in "RGB"]

@@ -24,6 +24,10 @@ _FLATTEN = "flatten it first, for example with oiiotool --flatten"
 _NEARLY_SQUARE = 1e-3  # by how much the sides of a pixel may differ
 
 
+class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
+    """None of the channels of a file is known to be depth."""
+
+
 class _Named(Protocol):
     @property
     def header(self) -> Header: ...
@@ -100,7 +104,12 @@ def _chosen_color(
 def choose_depth(
     path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
 ) -> DepthChannel:
-    """The depth channel of a file; ``channel`` and ``part`` as `defocus_cli.depth.read_depth`."""
+    """The depth channel of a file; ``channel`` and ``part`` as `defocus_cli.depth.read_depth`.
+
+    Raises:
+        NoDepthChannel: none of the channels is known to be depth.
+        InputError: the channel or part is not there, or several channels could be the depth.
+    """
     searched = _flat(path, _of_part(path, headers, part))
     every = [DepthChannel(header, c.name) for header in searched for c in header.channels]
     if channel is not None:
@@ -114,7 +123,8 @@ def choose_depth(
         candidates = in_depth_part if len(in_depth_part) == 1 else candidates
     if not candidates:
         problem = f"has no depth channel, only {_listing(searched)}"
-        raise InputError(path, problem, "if one of them is the depth, say --depth-channel NAME")
+        remedy = "if one of them is the depth, say --depth-channel NAME"
+        raise NoDepthChannel(path, problem, remedy)
     return _only(path, candidates, "depth channel", "--depth-channel")
 
 

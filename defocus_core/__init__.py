@@ -17,7 +17,7 @@ from defocus_core.quality import QUALITIES
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.ranks import depth_percentile
 from defocus_core.render import render
-from defocus_core.slicing import cheapest_within, quantisation
+from defocus_core.slicing import UnreachableTolerance, cheapest_within, quantisation
 from defocus_core.source import Pixels
 from defocus_core.stream import Stream
 from defocus_core.survey import depth_mending
@@ -43,6 +43,7 @@ __all__ = [
     "RandomDefocus",
     "Setting",
     "Stream",
+    "UnreachableTolerance",
     "Views",
     "cells_bytes",
     "cheapest_within",

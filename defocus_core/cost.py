@@ -27,7 +27,7 @@ from defocus_core.tiling import BLOCK, Box, Grid, blocks_of, regions, visible_sl
 # a picture, and for a sample of a pixel that is computed, of one that a draft enlarges, of a slice
 # in a tile, and of what is invented behind an edge, for each px of blur; the last times so many
 # where hidden content is not halved.
-_PICTURE, _COMPUTED, _ENLARGED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 4.0, 66.0, 6.0
+_PICTURE, _COMPUTED, _ENLARGED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 4.0, 66.0, 5.0
 # Bytes beside what is counted: of the program's own structures, and of the tile of each thread.
 _FIXED, _OF_THREAD = 10e6, 24e6
 # Copies of a region that are held while it is computed: of its pixels, of those of hidden surfaces,

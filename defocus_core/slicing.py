@@ -26,6 +26,33 @@ _PX = "radii are in px, negative nearer than focus"
 _CELLS, _BESIDE = 1 << 14, 0.004
 
 
+class UnreachableTolerance(ValueError):  # noqa: N818 - named for the argument at fault
+    """No quality has slices as close to the pixels as the tolerance wants.
+
+    Attributes:
+        tolerance: The tolerance that was asked for, in px of radius.
+        finest: The least tolerance that can be had, in px of radius, rounded up to 0.01 px.
+        least: Signed radius in px of the nearest pixel.
+        most: That of the farthest one.
+        quality: The quality that has the finest slices.
+    """
+
+    def __init__(
+        self, tolerance: float, finest: float, least: float, most: float, quality: str
+    ) -> None:
+        # All of the data are arguments of the exception, so that it can be pickled.
+        super().__init__(tolerance, finest, least, most, quality)
+        self.tolerance, self.finest, self.quality = tolerance, finest, quality
+        self.least, self.most = least, most
+
+    def __str__(self) -> str:
+        """The name of the argument, wanted, got and remedy."""
+        return (
+            f"tolerance must be at least {self.finest:g} px where radii go from {self.least:.1f} "
+            f"to {self.most:.1f} px, got {self.tolerance:g}; that is what {self.quality} has"
+        )
+
+
 def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
     """The part of the ladder that holds radii from least to most.
 
@@ -74,17 +101,15 @@ def cheapest_within(tolerance: float, least: float, most: float) -> str:
         most: That of the farthest one.
 
     Raises:
-        ValueError: If even the best is off by more, or radii are not finite and in order.
+        UnreachableTolerance: If even the best is off by more.
+        ValueError: If radii are not finite and in order.
     """
     tolerance = number("tolerance", tolerance, _PX)
     for quality in QUALITIES:
         if quantisation(least, most, quality) <= tolerance:
             return quality
     best = math.ceil(100 * quantisation(least, most, QUALITIES[-1])) / 100
-    raise ValueError(
-        f"tolerance must be at least {best:g} px where radii go from {least:.1f} to {most:.1f} px"
-        f", got {tolerance:g}; that is what {QUALITIES[-1]} has"
-    )
+    raise UnreachableTolerance(tolerance, best, least, most, QUALITIES[-1])
 
 
 def evenly(least: float, most: float, count: int) -> tuple[float, ...]:

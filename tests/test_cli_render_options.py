@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -232,6 +233,19 @@ def test_a_tolerance_that_makes_no_sense_is_refused(
     options: tuple[str, ...], code: int, told: str, tmp_path: Path
 ) -> None:
     refused(render(*pair(tmp_path), "-o", tmp_path / "out", *options), code, told)
+
+
+def test_a_tolerance_that_is_too_small_is_answered_with_one_that_will_do(tmp_path: Path) -> None:
+    images = pair(tmp_path)
+    ran = render(*images, "-o", tmp_path / "out", "--tolerance", "0.01px")
+    told = re.search(
+        r"--tolerance: must be at least (\S+) px where radii go from -?[\d.]+ to -?[\d.]+ px, "
+        r"got 0\.01; give more: that is what reference has$",
+        ran.err.strip(),
+    )
+    assert told
+    again = render(*images, "-o", tmp_path / "out", "--tolerance", f"{told[1]}px")
+    assert again.code == 0, again.err
 
 
 def test_preview_shows_the_picture_as_it_looks(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from defocus_cli.depth import Depth, read_depth, require_valid
 from defocus_cli.errors import InputError, UsageProblem
 from defocus_cli.exr import write_exr
 from defocus_cli.images import read_color
+from defocus_cli.layers import NoDepthChannel
 
 INF = np.float32(np.inf)
 
@@ -94,12 +95,17 @@ def test_a_part_called_depth_wins_over_one_called_mist(tmp_path: Path) -> None:
 
 
 def test_no_depth_names_the_channels_there_are(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no depth channel, only B, G, R; .*--depth-channel NAME"):
+    words = r"no depth channel, only B, G, R; .*--depth-channel NAME"
+    with pytest.raises(NoDepthChannel, match=words):
         read_depth(exr(tmp_path / "a.exr", "R", "G", "B"))
     grey = {name: plane() for name in "RGB"}
     write_exr(tmp_path / "b.exr", grey, {})
-    with pytest.raises(InputError, match=r"equal.*--depth-channel R"):
+    with pytest.raises(NoDepthChannel, match=r"no depth channel.*equal.*--depth-channel R"):
         read_depth(tmp_path / "b.exr")
+    with pytest.raises(InputError) as caught:  # a channel that was asked for and is not there
+        read_depth(tmp_path / "b.exr", channel="Z")
+    assert not isinstance(caught.value, NoDepthChannel)
+    assert "are equal" not in caught.value.remedy
     read = read_depth(tmp_path / "b.exr", channel="R")
     np.testing.assert_array_equal(read.metres, plane())
 

@@ -1,10 +1,12 @@
 """Shares of pixels in slices: a partition of unity that keeps the second moment."""
 
+import pickle
+
 import pytest
 import torch
 from tolerances import ROUNDING
 
-from defocus_core import QUALITIES
+from defocus_core import QUALITIES, UnreachableTolerance
 from defocus_core.quality import find
 from defocus_core.slicing import (
     SHARP,
@@ -99,6 +101,18 @@ def test_better_qualities_are_off_by_less_and_the_cheapest_is_chosen() -> None:
     assert cheapest_within(0.7, -1.0, 2.0) != cheapest_within(0.7, -23.0, 31.0)
     with pytest.raises(ValueError, match=r"at least .* px where radii go from -23\.0 to 31\.0 px"):
         cheapest_within(off[-1] * 0.9, -23.0, 31.0)
+
+
+def test_an_unreachable_tolerance_says_which_one_can_be_had() -> None:
+    finest = quantisation(-23.0, 31.0, QUALITIES[-1])
+    with pytest.raises(UnreachableTolerance) as caught:
+        cheapest_within(finest * 0.9, -23.0, 31.0)
+    error = caught.value
+    assert (error.tolerance, error.least, error.most) == (finest * 0.9, -23.0, 31.0)
+    assert finest <= error.finest <= finest + 0.01
+    assert cheapest_within(error.finest, error.least, error.most) == error.quality
+    sent = pickle.loads(pickle.dumps(error))  # from a worker
+    assert (str(sent), vars(sent)) == (str(error), vars(error))
 
 
 def test_quantisation_is_that_of_the_rungs_in_use() -> None:
