@@ -6,20 +6,18 @@ What is for people goes to stdout, or to stderr if the JSON document is there.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_cli import bench_plot
-from defocus_cli.bench_table import csv_text, means, record, regressions
 from defocus_cli.errors import InputError, reason
 from defocus_cli.files import written_whole
 from defocus_cli.report import print_json, say, tell, version
-
-if TYPE_CHECKING:
-    from defocus_cli.bench_run import Row
 
 STDOUT = Path("-")
 
@@ -29,7 +27,6 @@ class Files:
     """Where to write which kind; None for what is not wanted. JSON may go to `STDOUT`."""
 
     json: Path | None = None
-    csv: Path | None = None
     plot: Path | None = None
 
     def refuse_unwritable(self) -> None:
@@ -41,7 +38,7 @@ class Files:
         """
         if self.plot is not None:
             bench_plot.refuse_unplottable(self.plot)
-        for path in filter(None, (self.json, self.csv, self.plot)):
+        for path in filter(None, (self.json, self.plot)):
             if path.is_dir():
                 raise InputError(path, "is a directory where a file is to be written", "name one")
             if path != STDOUT:
@@ -51,20 +48,8 @@ class Files:
         """Say a line to people."""
         (say if self.json == STDOUT else tell)(line)
 
-    def write(self, rows: Sequence[Row], settings: dict[str, Any]) -> None:
-        """Write what is wanted of errors and times.
-
-        Raises:
-            InputError: a file cannot be written.
-        """
-        document = {**settings, "rows": [record(row) for row in rows]}
-        document |= {"means": means(rows), "regressions": regressions(rows)}
-        self.write_tables(document, lambda: csv_text(rows))
-        if self.plot is not None:
-            bench_plot.draw(self.plot, rows)
-
-    def write_tables(self, document: dict[str, Any], csv: Callable[[], str]) -> None:
-        """Write the document as JSON, and rows as CSV, where they are wanted.
+    def write_json(self, document: dict[str, Any]) -> None:
+        """Write the document if it is wanted.
 
         Raises:
             InputError: a file cannot be written.
@@ -73,9 +58,8 @@ class Files:
             print_json(**document)
         elif self.json is not None:
             text = json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False)
-            _write(self.json, text + "\n")
-        if self.csv is not None:
-            _write(self.csv, csv())
+            with written_whole(self.json) as file:
+                file.write(f"{text}\n".encode())
 
 
 def _try_folder(path: Path) -> None:
@@ -89,6 +73,20 @@ def _try_folder(path: Path) -> None:
         raise InputError(path, problem, "name a file elsewhere") from None
 
 
-def _write(path: Path, text: str) -> None:
-    with written_whole(path) as file:
-        file.write(text.encode())
+@contextmanager
+def progress(
+    total: int, echo: Callable[[str], object]
+) -> Iterator[tuple[Callable[[], object], Callable[[str], object]]]:
+    """What to call after each rendering, and what says a line above the bar, if a terminal sees."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield lambda: None, echo
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit="rendering", file=sys.stderr, leave=False) as bar:
+
+        def tell(line: str) -> None:
+            with tqdm.external_write_mode(file=sys.stdout):
+                echo(line)
+
+        yield bar.update, tell

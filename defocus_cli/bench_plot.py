@@ -7,13 +7,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.bench_run import BASELINES
-from defocus_cli.bench_table import CAP, means
+from defocus_cli.bench_error import BASELINES
+from defocus_cli.bench_tables import CAP, means
 from defocus_cli.errors import UsageProblem
 from defocus_cli.options import QUALITIES
 
 if TYPE_CHECKING:
-    from defocus_cli.bench_run import Row
+    from defocus_cli.bench_error import Row
 
 SUFFIXES = (".png", ".svg", ".pdf")
 _COLORS = {"draft": "#e69f00", "standard": "#0072b2", "high": "#009e73", "reference": "#000000"}
@@ -73,7 +73,7 @@ def _draw_shots(axes: Any, rows: Sequence[Row]) -> None:
         if method == "input":
             continue
         axes.scatter(
-            [row.fft_units for row in own],
+            [row.cost.fft_units for row in own],
             [min(row.errors.psnr, CAP) for row in own],
             marker=_MARKS.get(method, "o"),
             color=_COLORS[method],

@@ -2,25 +2,45 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
-from defocus_cli import bench_table, bench_time_table, options
-from defocus_cli.bench_baseline import faster, read_baseline
-from defocus_cli.bench_files import STDOUT, Files
-from defocus_cli.bench_options import QUALITIES, Times, refuse_others, time_options
-from defocus_cli.bench_run import BASELINES, Row, measure_shot, warm_up
-from defocus_cli.bench_set import Shot, find_shots, read, sample_set
-from defocus_cli.bench_time import Case, Size, measure
-from defocus_cli.calibration import calibrated
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.option_types import FilePath, Names
+from defocus_cli import bench_plot, bench_tables, options
+from defocus_cli.bench_baseline import read_baseline
+from defocus_cli.bench_error import BASELINES, Row, measure_shot
+from defocus_cli.bench_files import STDOUT, Files, progress
+from defocus_cli.bench_timing import RADII, SIZES, Case, Size, cases, time_case, warm_up
+from defocus_cli.bench_truth_set import find_shots, read, sample_set
+from defocus_cli.errors import UsageProblem
+from defocus_cli.grouped import GroupedCommand, GroupedOption
+from defocus_cli.option_types import FilePath, Listed, Names
+
+_QUALITIES = ("draft", "standard", "high")
+# By the name of the parameter; options in neither go with both.
+_ERRORS_ALONE = {"truth": "--truth", "plot_file": "--plot"}
+_TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii", "baseline": "--baseline"}
+_LONGEST = 1 << 15  # px on a side
+
+
+def _size(word: str) -> Size:
+    width, height = map(int, word.lower().replace("×", "x").split("x"))
+    if not (1 <= width <= _LONGEST and 1 <= height <= _LONGEST):
+        raise ValueError(word)
+    return width, height
+
+
+def _radius(word: str) -> float:
+    radius = float(word.removesuffix("px"))
+    if not 0 < radius < math.inf:
+        raise ValueError(word)
+    return radius
+
+
+_time_option = partial(click.option, cls=GroupedOption, heading="Time")
 
 
 @click.command(
@@ -41,14 +61,7 @@ from defocus_cli.option_types import FilePath, Names
     default=(),
     metavar="QUALITY,…",
     help=f"What to measure, of {', '.join(options.QUALITIES)}.  "
-    f"[default: {','.join(QUALITIES)}; standard with --time]",
-)
-@click.option("--only", type=Names(), default=(), metavar="SCENE,…", help="Only these scenes.")
-@click.option(
-    "--baselines/--no-baselines",
-    default=True,
-    show_default=True,
-    help="Also measure the sharp input, the plain sum of slices, and over / alpha.",
+    f"[default: {','.join(_QUALITIES)}; standard with --time]",
 )
 @click.option(
     "--json",
@@ -59,7 +72,6 @@ from defocus_cli.option_types import FilePath, Names
     metavar="[FILE]",
     help="Write all as one JSON document, to FILE or else on stdout; then the table is on stderr.",
 )
-@click.option("--csv", "csv_file", type=FilePath(), metavar="FILE", help="Write the rows as CSV.")
 @click.option(
     "--plot",
     "plot_file",
@@ -75,39 +87,45 @@ from defocus_cli.option_types import FilePath, Names
     help="Threads to compute with.  [default: one for each core; 1 with --time]",
 )
 @click.option("--device", type=click.Choice(options.DEVICES), default="auto", show_default=True)
-@click.option(
-    "--repeat",
-    type=click.IntRange(min=1),
-    default=None,
-    metavar="N",
-    help="Render so often, and take the median of the times.  "
-    "[default: 1; with --time 5, but no more after a second]",
+@_time_option("--time", "timing", is_flag=True, help="Time made scenes instead.")
+@_time_option(
+    "--sizes",
+    type=Listed(_size, "size", "480x270,1920x1080"),
+    default=SIZES,
+    metavar="WxH,…",
+    help="Sizes in px.  [default: 480x270,960x540]",
 )
-@time_options
+@_time_option(
+    "--radii",
+    type=Listed(_radius, "radius", "8,32"),
+    default=RADII,
+    metavar="R,…",
+    help="Largest blur radii in px.  [default: 8,32]",
+)
+@_time_option(
+    "--baseline",
+    type=FilePath(),
+    default=None,
+    metavar="FILE",
+    help="A stored run (--json) to compare with; exit 1 if a case takes 25 % more FFTs.",
+)
 @click.pass_context
 def command(
     ctx: click.Context,
     truth: Path | None,
     qualities: tuple[str, ...],
-    only: tuple[str, ...],
-    baselines: bool,
     json_file: Path | None,
-    csv_file: Path | None,
     plot_file: Path | None,
     threads: int | None,
     device: str,
-    repeat: int | None,
     timing: bool,
-    kinds: tuple[str, ...],
     sizes: tuple[Size, ...],
     radii: tuple[float, ...],
-    outputs: tuple[str, ...],
-    full: bool,
     baseline: Path | None,
-    tolerance: float,
-    predict: bool,
 ) -> int:
     """Render scenes with known truth and say how far off each shot is and how long it took.
+
+    Beside the qualities stand the sharp input, the plain sum of slices, and over / alpha.
 
     PSNR (dB) and SSIM are of sRGB-encoded pictures, relRMSE and p999 (99.9th percentile of the
     error) of linear light. A border as wide as the largest blur is left out. 'edges' is PSNR
@@ -118,122 +136,98 @@ def command(
     1 % relative RMSE; they are listed at the end.
 
     With --time, scenes of several kinds are made and timed on one thread, as one thread makes the
-    transforms: at two sizes and radii in half a minute, or at those given. The exponents with
-    which times grow follow. --baseline compares FFTs with a stored run.
+    transforms: at two sizes and radii in half a minute, or at those given. --baseline compares
+    FFTs with a stored run.
 
     \b
     Examples:
       defocus bench
-      defocus bench --truth ../truth --quality standard --only cards,fence
-      defocus bench --repeat 3 --json bench.json --csv bench.csv --plot bench.png
+      defocus bench --truth ../truth --quality standard
+      defocus bench --json bench.json --plot bench.png
       defocus bench --time --json before.json
-      defocus bench --time --baseline before.json --tolerance 0.1
-      defocus bench --time --predict --threads 2
-      defocus bench --time --kinds floor,cards --sizes 1920x1080 --radii 2,8,32,128
+      defocus bench --time --baseline before.json
+      defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
     """  # noqa: D301  click reads the backspace
-    refuse_others(ctx, timing=timing)
-    files = Files(json_file, csv_file, plot_file)
+    _refuse_others(ctx, timing=timing)
+    files = Files(json_file, plot_file)
     files.refuse_unwritable()
     if timing:
-        times = Times(kinds, sizes, radii, outputs, full, baseline, tolerance, predict)
-        return _times(times, times.cases(qualities), files, device, threads or 1, repeat or 5)
-    shots = find_shots(truth or sample_set(), only)
-    methods = (*(qualities or QUALITIES), *(BASELINES if baselines else ()))
-    settings = {"truth": str(truth or sample_set())}
-    _errors(shots, methods, files, settings, device, threads or options.cores(), repeat or 1)
+        asked = cases(sizes, radii, qualities or ("standard",))
+        return _times(asked, baseline, files, device, threads or 1)
+    _errors(truth or sample_set(), qualities or _QUALITIES, files, device, threads)
     return 0
 
 
+def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
+    """Refuse options that would mean nothing.
+
+    Raises:
+        UsageProblem: one was given.
+    """
+    for name, option in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
+        if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            if timing:
+                raise UsageProblem(option, "means nothing with --time", "leave one of them out")
+            raise UsageProblem(option, "means nothing without --time", "add --time")
+
+
 def _errors(
-    shots: Sequence[Shot],
-    methods: Sequence[str],
-    files: Files,
-    settings: dict[str, Any],
-    device: str,
-    threads: int,
-    repeat: int,
+    truth: Path, qualities: Sequence[str], files: Files, device: str, threads: int | None
 ) -> None:
+    """Measure all shots of a set, by each quality and each baseline."""
     from defocus_cli import engine
 
+    shots, methods = find_shots(truth), (*qualities, *BASELINES)
     engine.load()
-    found, echo = engine.choose_device(device), files.echo
+    device, threads = engine.choose_device(device), threads or options.cores()
+    warm_up(device)
+    files.echo(bench_tables.error_heading())
     rows: list[Row] = []
-    warm_up(found)
-    echo(bench_table.heading())
-    with _progress(len(shots) * len(methods), echo) as (step, tell):
+    with progress(len(shots) * len(methods), files.echo) as (step, tell):
         for shot in shots:
-            done = []
-            for row in measure_shot(
-                shot, read(shot), methods, device=found, threads=threads, repeat=repeat
-            ):
-                done.append(row)
+            of_shot = []
+            for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
+                of_shot.append(row)
                 step()
-            for line in bench_table.shot_lines(done):
+            for line in bench_tables.shot_lines(of_shot):
                 tell(line)
-            rows += done
-    for line in bench_table.summary_lines(rows):
-        echo(line)
-    files.write(rows, {**settings, "device": found, "threads": threads, "repeat": repeat})
+            rows += of_shot
+    for line in bench_tables.summary_lines(rows):
+        files.echo(line)
+    settings = {"truth": str(truth), "device": device, "threads": threads}
+    files.write_json({**settings, **bench_tables.error_document(rows)})
+    if files.plot is not None:
+        bench_plot.draw(files.plot, rows)
 
 
 def _times(
-    times: Times, cases: Sequence[Case], files: Files, device: str, threads: int, repeat: int
+    asked: Sequence[Case], baseline: Path | None, files: Files, device: str, threads: int
 ) -> int:
-    """The exit code: 1 if anything got slower than the stored run."""
-    stored = read_baseline(times.baseline) if times.baseline else None
+    """Time all cases; the exit code is 1 if one got slower than the stored run."""
     from defocus_cli import engine
 
+    stored = read_baseline(baseline) if baseline else None
     engine.load()
-    found, echo = engine.choose_device(device), files.echo
+    device = engine.choose_device(device)
     if stored:
-        stored.refuse_incomparable(cases, threads=threads, device=found)
-    known = calibrated(found, threads) if times.predict else None
-    timed = partial(measure, device=found, threads=threads, repeat=repeat, calibration=known)
-    warm_up(found)
-    echo(bench_time_table.heading(predicted=times.predict))
+        stored.refuse_incomparable(asked, threads=threads, device=device)
+    timed = partial(time_case, device=device, threads=threads)
+    warm_up(device)
+    files.echo(bench_tables.time_heading())
     timings = []
-    with _progress(len(cases), echo) as (step, tell):
-        for case in cases:
+    with progress(len(asked), files.echo) as (step, tell):
+        for case in asked:
             timings.append(timed(case))
             step()
-            tell(bench_time_table.line(timings[-1]))
-    for line in bench_time_table.scaling_lines(timings):
-        echo(line)
-    if times.predict:
-        for line in bench_time_table.prediction_lines(timings):
-            echo(line)
-    settings: dict[str, Any] = {"device": found, "threads": threads, "repeat": repeat}
-    worse: Sequence[Mapping[str, Any]] = ()
+            tell(bench_tables.time_line(timings[-1]))
+    document = {"device": device, "threads": threads}
+    slower = False
     if stored:
-        worse = stored.slower(timings, times.tolerance)
-        if worse:  # once more: what was slow for another reason is not slow twice
-            named = {each["case"] for each in worse}
-            again = {case: timed(case) for case in cases if case.name in named}
-            timings = [faster(again.get(timing.case), timing) for timing in timings]
-            worse = stored.slower(timings, times.tolerance)
-        compared = stored.compare(timings)
-        settings["baseline"] = {"tolerance": times.tolerance, "cases": compared}
-        for line in bench_time_table.comparison_lines(compared, worse, times.tolerance):
-            echo(line)
-    document = {**settings, **bench_time_table.document(timings)}
-    files.write_tables(document, lambda: bench_time_table.csv_text(timings))
-    return 1 if worse else 0
-
-
-@contextmanager
-def _progress(
-    total: int, echo: Callable[[str], object]
-) -> Iterator[tuple[Callable[[], object], Callable[[str], object]]]:
-    """What to call after each rendering, and what says a line above the bar, if a terminal sees."""
-    if sys.stderr is None or not sys.stderr.isatty():
-        yield lambda: None, echo
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=total, unit="rendering", file=sys.stderr, leave=False) as bar:
-
-        def tell(line: str) -> None:
-            with tqdm.external_write_mode(file=sys.stdout):
-                echo(line)
-
-        yield bar.update, tell
+        timings = stored.confirmed(timings, timed)
+        compared, worse = stored.compare(timings), stored.slower(timings)
+        slower, document["baseline"] = bool(worse), compared
+        for line in bench_tables.comparison_lines(compared, worse):
+            files.echo(line)
+    rows = [bench_tables.time_record(timing) for timing in timings]
+    files.write_json({**document, "rows": rows})
+    return 1 if slower else 0

@@ -1,4 +1,4 @@
-"""What a benchmark found, as lines of a table, means, regressions and records.
+"""Errors and times as lines of tables and as records for JSON; means and regressions.
 
 A regression is a shot on which `standard` is worse than a baseline by more than truth in half
 floats can tell: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
@@ -6,17 +6,17 @@ floats can tell: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.bench_run import BASELINES
+from defocus_cli.bench_baseline import TOLERANCE
+from defocus_cli.bench_error import BASELINES
 
 if TYPE_CHECKING:
-    from defocus_cli.bench_run import Row
+    from defocus_cli.bench_error import Row
+    from defocus_cli.bench_timing import Timing
 
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
@@ -34,9 +34,8 @@ _TITLES |= {"ssim": "SSIM", "fft_units": "FFTs", "peak_mb": "MB"}
 
 def record(row: Row) -> dict[str, Any]:
     """A row in plain words and numbers."""
-    cost = {"seconds": row.seconds, "fft_units": row.fft_units, "peak_mb": row.peak_mb}
     names = {"scene": row.scene, "shot": row.shot, "method": row.method}
-    return {**names, **asdict(row.errors), **cost}
+    return {**names, **asdict(row.errors), **asdict(row.cost)}
 
 
 def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -84,8 +83,14 @@ def regressions(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return sorted(found, key=lambda r: -float(r["lost"].get("psnr", 0.0)))
 
 
-def heading() -> str:
-    """The titles of the columns."""
+def error_document(rows: Sequence[Row]) -> dict[str, Any]:
+    """All rows, means and regressions, for JSON."""
+    found = {"means": means(rows), "regressions": regressions(rows)}
+    return {"rows": [record(row) for row in rows], **found}
+
+
+def error_heading() -> str:
+    """The titles of the columns of errors."""
     titles = (f"{_TITLES.get(name, name):>{_WIDTHS.get(name, 9)}}" for name in _DECIMALS)
     return f"{'scene':<10}{'shot':<8}{'method':<9}" + "".join(titles)
 
@@ -140,11 +145,41 @@ def _cells(values: dict[str, Any]) -> str:
     return "".join(cells)
 
 
-def csv_text(rows: Sequence[Row]) -> str:
-    """All rows as CSV with a header."""
-    records = [record(row) for row in rows]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    return text.getvalue()
+def time_record(timing: Timing) -> dict[str, Any]:
+    """A timing in plain words and numbers."""
+    case = timing.case
+    size = {"width": case.size[0], "height": case.size[1]}
+    settings = {"kind": case.kind, **size, "radius": case.radius, "quality": case.quality}
+    return {"case": case.name, **settings, **asdict(timing.cost)}
+
+
+def time_heading() -> str:
+    """The titles of the columns of times."""
+    return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
+
+
+def time_line(timing: Timing) -> str:
+    """A row of the table of times."""
+    case, cost = timing.case, timing.cost
+    size = "{}x{}".format(*case.size)
+    memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"
+    names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"
+    return f"{names}{cost.seconds:>9.3f}{cost.fft_units:>8.1f}{memory:>7}"
+
+
+def comparison_lines(
+    compared: Sequence[Mapping[str, Any]], worse: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
+    """The cases that got slower since a stored run, and a summary of all."""
+    yield ""
+    for each in worse:
+        yield (
+            f"! {each['case']}: {each['fft_units']:.1f} FFTs, stored {each['stored']:.1f}: "
+            f"{each['ratio']:.2f} x"
+        )
+    ratios = sorted(each["ratio"] for each in compared)
+    yield (
+        f"{len(worse)} of {len(compared)} cases slower than stored by more than "
+        f"{100 * TOLERANCE:g} %; ratio {ratios[0]:.2f} to {ratios[-1]:.2f}, "
+        f"median {ratios[len(ratios) // 2]:.2f}"
+    )

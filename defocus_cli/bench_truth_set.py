@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.errors import InputError, UsageProblem, did_you_mean, reason
+from defocus_cli.errors import InputError, UsageProblem, reason
 from defocus_cli.job import Lens
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from torch import Tensor
 
 BLADES = {"disk": 0, "hexagon": 6}
@@ -74,23 +72,18 @@ def sample_set() -> Path:
     raise UsageProblem("--truth", problem, "name a directory of <scene>/camera.json")
 
 
-def find_shots(root: Path, only: Sequence[str] = ()) -> list[Shot]:
-    """All shots of a set, or of some scenes of it, by name.
+def find_shots(root: Path) -> list[Shot]:
+    """All shots of a set, by name of the scene.
 
     Raises:
         InputError: there is no set, or a file of it is missing or damaged.
-        UsageProblem: a scene that the set does not hold.
     """
     if not root.is_dir():
         raise InputError(root, "is no directory", "name one that holds <scene>/camera.json")
-    cameras = {file.parent.name: file for file in sorted(root.glob("*/camera.json"))}
+    cameras = sorted(root.glob("*/camera.json"))
     if not cameras:
         raise InputError(root, "holds no <scene>/camera.json", "name a directory of such scenes")
-    for name in only:
-        if name not in cameras:
-            remedy = did_you_mean(name, list(cameras), f"choose from {', '.join(cameras)}")
-            raise UsageProblem("--only", f"'{name}' is no scene of {root}", remedy)
-    shots = [s for name, file in cameras.items() if not only or name in only for s in _shots(file)]
+    shots = [shot for camera in cameras for shot in _shots(camera)]
     if not shots:
         raise InputError(root, "holds no shot", "list shots in camera.json")
     return shots

@@ -1,4 +1,4 @@
-"""Renders a shot by each method and measures what came out, how long it took and in how much.
+"""Renders a shot by each method and measures its error against the truth, and its cost.
 
 Methods are the qualities of the renderer and the baselines it has to beat.
 """
@@ -9,16 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from defocus_cli import memory
+from defocus_cli.bench_timing import Cost, FftUnit, measured
 from defocus_cli.errors import InputError
-from defocus_cli.fft_unit import FftUnit, timed
 from defocus_cli.focusing import radius_at_infinity
-from defocus_cli.process_settings import set_to_render
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from defocus_cli.bench_set import Pictures, Shot
+    from defocus_cli.bench_truth_set import Pictures, Shot
     from defocus_core.metrics import Errors
 
 BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}
@@ -33,18 +31,14 @@ class Row:
         shot: name.
         method: a quality or a baseline.
         errors: against the truth.
-        seconds: of the rendering alone, the median of its repetitions.
-        fft_units: the same in transforms of the frame there and back, RGBA float32, of one thread.
-        peak_mb: most memory that the process held meanwhile, MB; None where no system tells.
+        cost: of the rendering alone.
     """
 
     scene: str
     shot: str
     method: str
     errors: Errors
-    seconds: float
-    fft_units: float
-    peak_mb: float | None
+    cost: Cost
 
 
 def measure_shot(
@@ -54,7 +48,6 @@ def measure_shot(
     *,
     device: str,
     threads: int,
-    repeat: int,
 ) -> Iterator[Row]:
     """One row for each method, when it is done.
 
@@ -67,16 +60,14 @@ def measure_shot(
 
     sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
     try:
-        unit = FftUnit(sharp).seconds()
+        unit = FftUnit(sharp)
         for method in methods:
             work = _work(method, shot, sharp, radius, threads)
-            memory.reset_peak(device)
-            picture, seconds = timed(work, repeat)
-            peak = memory.peak_mb(device)
+            picture, cost = measured(work, unit, repeats=1)
             errors = metrics.measure(
                 picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
             )
-            yield Row(shot.scene, shot.name, method, errors, seconds, seconds / unit, peak)
+            yield Row(shot.scene, shot.name, method, errors, cost)
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError(shot.folder, problem, "use --device cpu") from None
@@ -101,17 +92,3 @@ def _work(
             sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity
         ).render
     )
-
-
-def warm_up(device: str) -> None:
-    """Render a tiny picture: what a process does once belongs to no shot.
-
-    From here on torch uses one thread: threads work on tiles or channels.
-    """
-    import torch
-
-    from defocus_core import render
-
-    set_to_render()
-    radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
-    render(radius[None].abs(), radius)
