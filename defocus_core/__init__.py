@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from defocus_core.aperture import Aperture
 from defocus_core.checks import Check, Setting
-from defocus_core.cost import Cost, cells_bytes, cost, memory_bound
+from defocus_core.cost_model import Cost, cells_bytes, cost, memory_bound
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.hidden import HiddenLayer
 from defocus_core.known import Behind
