@@ -16,7 +16,9 @@ from errno import ENOSPC
 
 import click
 
-from defocus_cli.errors import (
+from defocus_cli.options.types import option_name
+from defocus_cli.system.console import version
+from defocus_cli.system.errors import (
     Interrupted,
     UsageProblem,
     UserError,
@@ -24,9 +26,7 @@ from defocus_cli.errors import (
     one_line,
     reason,
 )
-from defocus_cli.interrupts import Terminated, terminations
-from defocus_cli.option_types import option_name
-from defocus_cli.report import version
+from defocus_cli.system.interrupts import Terminated, terminations
 
 COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "bench", "verify")
 

@@ -5,25 +5,28 @@ Lengths are in mm, CoC radii in px, signed: negative nearer than focus, positive
 
 from __future__ import annotations
 
-from defocus_core.aperture import Aperture
-from defocus_core.checks import Check, Setting
-from defocus_core.cost_model import Cost, cells_bytes, cost, memory_bound
+from defocus_core.depth.diagnosis import depth_mending
+from defocus_core.depth.repair import Mending
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
-from defocus_core.hidden import HiddenLayer
-from defocus_core.known import Behind
+from defocus_core.evaluation import baselines, metrics
+from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
+from defocus_core.evaluation.law_checks import Check, Setting
+from defocus_core.evaluation.lens_laws import LAWS, verify
+from defocus_core.evaluation.metrics import Errors
+from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
+from defocus_core.images.order_statistics import depth_percentile
+from defocus_core.images.source import Pixels
+from defocus_core.images.tiling import TILE
+from defocus_core.images.views import Views
+from defocus_core.inpainting.hidden_layers import HiddenLayer
+from defocus_core.inpainting.known_layer import Behind
+from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, quantisation
+from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
-from defocus_core.mending import Mending
-from defocus_core.quality import QUALITIES
+from defocus_core.optics.aperture import Aperture
 from defocus_core.random_lens import Lenses, RandomDefocus
-from defocus_core.ranks import depth_percentile
 from defocus_core.render import render
-from defocus_core.slicing import UnreachableTolerance, cheapest_within, quantisation
-from defocus_core.source import Pixels
 from defocus_core.stream import Stream
-from defocus_core.survey import depth_mending
-from defocus_core.tiling import TILE
-from defocus_core.verification import LAWS, verify
-from defocus_core.views import Views
 
 __all__ = [
     "ATTEMPTS",
@@ -36,15 +39,18 @@ __all__ = [
     "Cost",
     "DefocusLens",
     "Distribution",
+    "Errors",
     "HiddenLayer",
     "Lenses",
     "Mending",
     "Pixels",
     "RandomDefocus",
+    "Scenery",
     "Setting",
     "Stream",
     "UnreachableTolerance",
     "Views",
+    "baselines",
     "cells_bytes",
     "cheapest_within",
     "cost",
@@ -52,7 +58,9 @@ __all__ = [
     "depth_percentile",
     "drawn",
     "memory_bound",
+    "metrics",
     "quantisation",
     "render",
+    "scenery",
     "verify",
 ]

@@ -10,10 +10,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
-from defocus_core.guards import dense, described, is_picture, number, whole
+from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
+from defocus_core.optics.thin_lens import Scalar, ThinLens
 from defocus_core.render import render
-from defocus_core.thin_lens import Scalar, ThinLens
+from defocus_core.runtime.validation import dense, described, is_picture, number, whole
 
 
 class DefocusLens(ThinLens):

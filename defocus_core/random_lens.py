@@ -14,9 +14,16 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.aperture import Aperture
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
-from defocus_core.guards import (
+from defocus_core.images.order_statistics import depth_percentile
+from defocus_core.images.views import Views, batch
+from defocus_core.layers.quality import find
+from defocus_core.lens import DefocusLens
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.thin_lens import bad_depth
+from defocus_core.render import render
+from defocus_core.runtime.torch_modes import own_modes
+from defocus_core.runtime.validation import (
     dense,
     described,
     flag,
@@ -26,13 +33,6 @@ from defocus_core.guards import (
     positive,
     whole,
 )
-from defocus_core.lens import DefocusLens
-from defocus_core.modes import own_modes
-from defocus_core.quality import find
-from defocus_core.ranks import depth_percentile
-from defocus_core.render import render
-from defocus_core.thin_lens import bad_depth
-from defocus_core.views import Views, batch
 
 Option = float | Distribution
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))

@@ -10,15 +10,15 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from defocus_core.aperture import Aperture
-from defocus_core.assembly import assembled
-from defocus_core.guards import dense, described, is_picture, numbers
-from defocus_core.hidden import HiddenLayer
-from defocus_core.known import Behind
-from defocus_core.modes import own_modes
-from defocus_core.picture import Picture
-from defocus_core.quality import find
-from defocus_core.views import Views, batch
+from defocus_core.engine.picture import Picture
+from defocus_core.engine.region_schedule import assembled
+from defocus_core.images.views import Views, batch
+from defocus_core.inpainting.hidden_layers import HiddenLayer
+from defocus_core.inpainting.known_layer import Behind
+from defocus_core.layers.quality import find
+from defocus_core.optics.aperture import Aperture
+from defocus_core.runtime.torch_modes import own_modes
+from defocus_core.runtime.validation import dense, described, is_picture, numbers
 
 
 def render(

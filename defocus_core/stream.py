@@ -9,17 +9,17 @@ from collections.abc import Callable, Iterator
 
 import torch
 
-from defocus_core.aperture import Aperture
-from defocus_core.assembly import total
-from defocus_core.frame import Frame
-from defocus_core.guards import whole
-from defocus_core.known import Behind
-from defocus_core.mending import Mending
-from defocus_core.modes import own_modes
-from defocus_core.picture import Picture
-from defocus_core.quality import find
-from defocus_core.source import Pixels
-from defocus_core.views import Views
+from defocus_core.depth.repair import Mending
+from defocus_core.engine.frame import Frame
+from defocus_core.engine.picture import Picture
+from defocus_core.engine.region_schedule import total
+from defocus_core.images.source import Pixels
+from defocus_core.images.views import Views
+from defocus_core.inpainting.known_layer import Behind
+from defocus_core.layers.quality import find
+from defocus_core.optics.aperture import Aperture
+from defocus_core.runtime.torch_modes import own_modes
+from defocus_core.runtime.validation import whole
 
 
 class Stream:

@@ -10,8 +10,8 @@ import pytest
 import torch
 from command_line import color_exr, depth_exr
 
-from defocus_cli import calibration
-from defocus_cli.options import cores
+from defocus_cli.options.shared import cores
+from defocus_cli.rendering import calibration
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 

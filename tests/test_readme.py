@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from command_line import run
 
-from defocus_cli.job import Machine, Outputs
-from defocus_cli.jobs_file import read_jobs
+from defocus_cli.jobs.job import Machine, Outputs
+from defocus_cli.jobs.jobs_file import read_jobs
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -46,7 +46,7 @@ def test_its_lines_run_one_after_another(jobs_file: Path, monkeypatch: pytest.Mo
     printed: list[tuple[object, ...]] = []
     names = {"print": lambda *words: printed.append(words)}
     exec(block("import torch"), names)
-    exec(block("from defocus_cli.finished import samples"), names)
+    exec(block("from defocus_cli.dataset.finished import samples"), names)
     assert names["seen"].render.shape == names["image"].shape
     assert names["lenses"].signed_radius.abs().max() <= 20.001
     assert [words[0].exists() for words in printed] == [True]

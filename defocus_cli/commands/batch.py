@@ -7,16 +7,19 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import aftermath, batch, batch_report, dry_runs, options, report
-from defocus_cli.batch_options import Crew, ShardType, crew_options, shards_size_option
-from defocus_cli.errors import UsageProblem
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.how import How
-from defocus_cli.job import Job, Outputs
-from defocus_cli.jobs_file import read_jobs
-from defocus_cli.journal import Shard
-from defocus_cli.option_types import FilePath
-from defocus_cli.plan import make_plan
+from defocus_cli.batch import run
+from defocus_cli.batch.execution import How
+from defocus_cli.batch.plan import make_plan
+from defocus_cli.dataset import update
+from defocus_cli.jobs.job import Job, Outputs
+from defocus_cli.jobs.jobs_file import read_jobs
+from defocus_cli.journal.journal import Shard
+from defocus_cli.options import shared
+from defocus_cli.options.batch import Crew, ShardType, crew_options, shards_size_option
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.reports import batch_report, dry_runs
+from defocus_cli.system import console
+from defocus_cli.system.errors import UsageProblem
 
 
 @click.command(
@@ -46,10 +49,10 @@ from defocus_cli.plan import make_plan
 @click.option("--overwrite", is_flag=True, help="Do all again, whatever was done before.")
 @shards_size_option
 @click.option("--dry-run", is_flag=True, help="Say what is to do, in what time and space; stop.")
-@options.json_option
-@options.verbose_option
+@shared.json_option
+@shared.verbose_option
 @crew_options
-@options.check_inputs_option
+@shared.check_inputs_option
 def command(
     jobs_file: Path,
     out: Path,
@@ -121,12 +124,12 @@ def carry_out(
     """
     told = batch_report.Told(each=verbose, verbose=verbose)
     with told.bar("job"):
-        summary = batch.carry_out(jobs, out, how, told)
+        summary = run.carry_out(jobs, out, how, told)
     written = []
     if how.shard is None and not summary.interrupted:
-        written = aftermath.index(out, shards_size, asked)
-    report.say(batch_report.summary_line(summary))
+        written = update.index(out, shards_size, asked)
+    console.say(batch_report.summary_line(summary))
     if as_json:
         record = batch_report.summary_record(summary)
-        report.print_json(**record, written=[str(path) for path in written])
+        console.print_json(**record, written=[str(path) for path in written])
     batch_report.end(summary)

@@ -9,15 +9,16 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import bench_plot, bench_tables, options
-from defocus_cli.bench_baseline import read_baseline
-from defocus_cli.bench_error import BASELINES, Row, measure_shot
-from defocus_cli.bench_files import STDOUT, Files, progress
-from defocus_cli.bench_timing import RADII, SIZES, Case, Size, cases, time_case, warm_up
-from defocus_cli.bench_truth_set import find_shots, read, sample_set
-from defocus_cli.errors import UsageProblem
-from defocus_cli.grouped import GroupedCommand, GroupedOption
-from defocus_cli.option_types import FilePath, Listed, Names
+from defocus_cli.bench import error_plot, tables
+from defocus_cli.bench.baseline import read_baseline
+from defocus_cli.bench.error import BASELINES, Row, measure_shot
+from defocus_cli.bench.result_files import STDOUT, Files, progress
+from defocus_cli.bench.timing import RADII, SIZES, Case, Size, cases, time_case, warm_up
+from defocus_cli.bench.truth_set import find_shots, read, sample_set
+from defocus_cli.jobs.job import DEVICES, QUALITIES
+from defocus_cli.options import shared
+from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, Names
+from defocus_cli.system.errors import UsageProblem
 
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
@@ -57,10 +58,10 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 @click.option(
     "--quality",
     "qualities",
-    type=Names(options.QUALITIES),
+    type=Names(QUALITIES),
     default=(),
     metavar="QUALITY,…",
-    help=f"What to measure, of {', '.join(options.QUALITIES)}.  "
+    help=f"What to measure, of {', '.join(QUALITIES)}.  "
     f"[default: {','.join(_QUALITIES)}; standard with --time]",
 )
 @click.option(
@@ -86,7 +87,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
     metavar="N",
     help="Threads to compute with.  [default: one for each core; 1 with --time]",
 )
-@click.option("--device", type=click.Choice(options.DEVICES), default="auto", show_default=True)
+@click.option("--device", type=click.Choice(DEVICES), default="auto", show_default=True)
 @_time_option("--time", "timing", is_flag=True, help="Time made scenes instead.")
 @_time_option(
     "--sizes",
@@ -175,13 +176,13 @@ def _errors(
     truth: Path, qualities: Sequence[str], files: Files, device: str, threads: int | None
 ) -> None:
     """Measure all shots of a set, by each quality and each baseline."""
-    from defocus_cli import engine
+    from defocus_cli.rendering import job_steps
 
     shots, methods = find_shots(truth), (*qualities, *BASELINES)
-    engine.load()
-    device, threads = engine.choose_device(device), threads or options.cores()
+    job_steps.load()
+    device, threads = job_steps.choose_device(device), threads or shared.cores()
     warm_up(device)
-    files.echo(bench_tables.error_heading())
+    files.echo(tables.error_heading())
     rows: list[Row] = []
     with progress(len(shots) * len(methods), files.echo) as (step, tell):
         for shot in shots:
@@ -189,45 +190,45 @@ def _errors(
             for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
                 of_shot.append(row)
                 step()
-            for line in bench_tables.shot_lines(of_shot):
+            for line in tables.shot_lines(of_shot):
                 tell(line)
             rows += of_shot
-    for line in bench_tables.summary_lines(rows):
+    for line in tables.summary_lines(rows):
         files.echo(line)
     settings = {"truth": str(truth), "device": device, "threads": threads}
-    files.write_json({**settings, **bench_tables.error_document(rows)})
+    files.write_json({**settings, **tables.error_document(rows)})
     if files.plot is not None:
-        bench_plot.draw(files.plot, rows)
+        error_plot.draw(files.plot, rows)
 
 
 def _times(
     asked: Sequence[Case], baseline: Path | None, files: Files, device: str, threads: int
 ) -> int:
     """Time all cases; the exit code is 1 if one got slower than the stored run."""
-    from defocus_cli import engine
+    from defocus_cli.rendering import job_steps
 
     stored = read_baseline(baseline) if baseline else None
-    engine.load()
-    device = engine.choose_device(device)
+    job_steps.load()
+    device = job_steps.choose_device(device)
     if stored:
         stored.refuse_incomparable(asked, threads=threads, device=device)
     timed = partial(time_case, device=device, threads=threads)
     warm_up(device)
-    files.echo(bench_tables.time_heading())
+    files.echo(tables.time_heading())
     timings = []
     with progress(len(asked), files.echo) as (step, tell):
         for case in asked:
             timings.append(timed(case))
             step()
-            tell(bench_tables.time_line(timings[-1]))
+            tell(tables.time_line(timings[-1]))
     document = {"device": device, "threads": threads}
     slower = False
     if stored:
         timings = stored.confirmed(timings, timed)
         compared, worse = stored.compare(timings), stored.slower(timings)
         slower, document["baseline"] = bool(worse), compared
-        for line in bench_tables.comparison_lines(compared, worse):
+        for line in tables.comparison_lines(compared, worse):
             files.echo(line)
-    rows = [bench_tables.time_record(timing) for timing in timings]
+    rows = [tables.time_record(timing) for timing in timings]
     files.write_json({**document, "rows": rows})
     return 1 if slower else 0

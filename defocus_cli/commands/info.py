@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import inspection_report, options, report
-from defocus_cli.errors import UserError
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.inspection import have_parts, inspect
-from defocus_cli.job import Lens, Reading
-from defocus_cli.option_types import FilePath
+from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.options import shared
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.reports import inspection_report
+from defocus_cli.reports.inspection import have_parts, inspect
+from defocus_cli.system import console
+from defocus_cli.system.errors import UserError
 
 
 @click.command(
@@ -20,9 +21,9 @@ from defocus_cli.option_types import FilePath
     short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
 )
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
-@options.lens_options(required=False)
-@options.reading_options
-@options.json_option
+@shared.lens_options(required=False)
+@shared.reading_options
+@shared.json_option
 def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_json: bool) -> None:
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
@@ -59,8 +60,8 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
             continue
         records.append(inspection_report.record(inspection))
         for line in () if as_json else inspection_report.lines(inspection):
-            report.tell(line)
+            console.tell(line)
     if as_json and records:
-        report.print_json(files=records)
+        console.print_json(files=records)
     if failed:
         raise failed

@@ -6,17 +6,19 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import aftermath, merging, options, report
-from defocus_cli.batch_options import shards_size_option
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.option_types import FilePath
-from defocus_cli.quantities import counted
+from defocus_cli.dataset import update
+from defocus_cli.journal import merging
+from defocus_cli.options import shared
+from defocus_cli.options.batch import shards_size_option
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.system import console
+from defocus_cli.system.console import counted
 
 
 @click.command("merge", cls=GroupedCommand, short_help="Make one journal of those of all shards.")
 @click.argument("out", type=FilePath())
 @shards_size_option
-@options.json_option
+@shared.json_option
 def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.
 
@@ -30,12 +32,12 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
     merged = merging.merge(out)
-    written = aftermath.index(out, shards_size)
+    written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")
-    report.say(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
+    console.say(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
     if merged.missing:
         missing = f"no journal of shards {', '.join(merged.missing)}"
-        report.say(f"{out}: warning: {missing}; they did not run, or had nothing to do")
+        console.say(f"{out}: warning: {missing}; they did not run, or had nothing to do")
     if as_json:
         told = {"jobs": merged.jobs, "journals": merged.journals, "missing": merged.missing}
-        report.print_json(**told, written=[str(path) for path in written])
+        console.print_json(**told, written=[str(path) for path in written])

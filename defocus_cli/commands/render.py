@@ -7,20 +7,16 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import aftermath, batch, batch_report, dry_runs, here, options, report
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.how import How
-from defocus_cli.job import (
-    Job,
-    Lens,
-    Machine,
-    Outputs,
-    Reading,
-    find_pictures,
-    with_hidden,
-)
-from defocus_cli.option_types import FilePath
-from defocus_cli.plan import make_plan
+from defocus_cli.batch import local_process, run
+from defocus_cli.batch.execution import How
+from defocus_cli.batch.plan import make_plan
+from defocus_cli.dataset import update
+from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
+from defocus_cli.jobs.pairing import find_pictures, with_hidden
+from defocus_cli.options import shared
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.reports import batch_report, dry_runs
+from defocus_cli.system import console
 
 
 @click.command(
@@ -30,15 +26,15 @@ from defocus_cli.plan import make_plan
 )
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
-@options.lens_options(required=True)
-@options.output_options
-@options.hidden_option
-@options.reading_options
-@options.rendering_options
-@options.check_inputs_option
-@options.json_option
-@options.verbose_option
-@options.stats_option
+@shared.lens_options(required=True)
+@shared.output_options
+@shared.hidden_option
+@shared.reading_options
+@shared.rendering_options
+@shared.check_inputs_option
+@shared.json_option
+@shared.verbose_option
+@shared.stats_option
 @click.option(
     "--dry-run",
     is_flag=True,
@@ -90,19 +86,21 @@ def command(
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
     how = functools.partial(How, read_inputs=check_inputs == "hash")
     if dry_run:
-        dry_runs.tell(jobs, make_plan(jobs, outputs.root, how(here.execute)), as_json=as_json)
+        dry_runs.tell(
+            jobs, make_plan(jobs, outputs.root, how(local_process.execute)), as_json=as_json
+        )
         return
     told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
         with told.bar("picture"):
-            summary = batch.carry_out(jobs, outputs.root, how(here.execute), told)
+            summary = run.carry_out(jobs, outputs.root, how(local_process.execute), told)
     else:
         with batch_report.tile_bar() as tile_count:
-            alone = here.execute_alone(tile_count)
-            summary = batch.carry_out(jobs, outputs.root, how(alone), told)
+            alone = local_process.execute_alone(tile_count)
+            summary = run.carry_out(jobs, outputs.root, how(alone), told)
     if summary.statuses["ok"]:
-        aftermath.refresh(outputs.root, {job.sample_id for job in jobs})
+        update.refresh(outputs.root, {job.sample_id for job in jobs})
     if as_json:
         records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
-        report.print_json(dry_run=False, pictures=records)
+        console.print_json(dry_run=False, pictures=records)
     batch_report.end(summary)

@@ -6,17 +6,18 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import dataset_index, options, report
-from defocus_cli.batch_options import Crew, computed_by, crew_options, shards_size_option
+from defocus_cli.batch.execution import How
 from defocus_cli.commands.batch import carry_out
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.how import How
-from defocus_cli.journal import read_all, require_journal
-from defocus_cli.ledger import Ledger
-from defocus_cli.lock import refuse_held
-from defocus_cli.option_types import FilePath
-from defocus_cli.reasons import REASONS
-from defocus_cli.revival import failed_jobs
+from defocus_cli.dataset import sample_index
+from defocus_cli.journal.journal import read_all, require_journal
+from defocus_cli.journal.ledger import Ledger
+from defocus_cli.journal.lock import refuse_held
+from defocus_cli.journal.reasons import REASONS
+from defocus_cli.journal.revived_jobs import failed_jobs
+from defocus_cli.options import shared
+from defocus_cli.options.batch import Crew, computed_by, crew_options, shards_size_option
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.system import console
 
 
 @click.command("retry", cls=GroupedCommand, short_help="Do the failed jobs of a batch once more.")
@@ -30,8 +31,8 @@ from defocus_cli.revival import failed_jobs
     help="Only those that failed, or were rejected, for this reason; may be given several times.",
 )
 @shards_size_option
-@options.json_option
-@options.verbose_option
+@shared.json_option
+@shared.verbose_option
 @crew_options
 def command(
     out: Path,
@@ -55,9 +56,9 @@ def command(
     refuse_held(out)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
-        report.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")
+        console.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")
     how = How(crew.execute(), again=True, spread=crew.spread)
     jobs = computed_by(jobs, crew.machine)
-    before = dataset_index.listed(out)
+    before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}
     carry_out(jobs, out, how, shards_size, asked, as_json=as_json, verbose=verbose)

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import click
 
-from defocus_cli import batch_report, options, report
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.option_types import FilePath
-from defocus_cli.progress import progress
+from defocus_cli.journal.progress import progress
+from defocus_cli.options import shared
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.reports import batch_report
+from defocus_cli.system import console
 
 
 @click.command("status", cls=GroupedCommand, short_help="Say how far the batch in a directory is.")
@@ -22,7 +23,7 @@ from defocus_cli.progress import progress
     metavar="N",
     help="Name at most N jobs that failed or were rejected, the last ones.",
 )
-@options.json_option
+@shared.json_option
 def command(out: Path, failures: int, as_json: bool) -> None:
     """Say how many jobs of the batch in OUT are done, how many failed and why, and when it ends.
 
@@ -36,7 +37,7 @@ def command(out: Path, failures: int, as_json: bool) -> None:
     """  # noqa: D301  click reads the backspace
     found = progress(out)
     if as_json:
-        report.print_json(**batch_report.progress_record(found, failures))
+        console.print_json(**batch_report.progress_record(found, failures))
         return
     for line in batch_report.progress_lines(out, found, failures):
-        report.tell(line)
+        console.tell(line)

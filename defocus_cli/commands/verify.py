@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from defocus_cli import options, report, verify_table
-from defocus_cli.grouped import GroupedCommand
-from defocus_cli.job import Machine
-from defocus_cli.process_settings import set_to_render
-from defocus_cli.quantities import counted
+from defocus_cli.jobs.job import Machine
+from defocus_cli.options import shared
+from defocus_cli.options.types import GroupedCommand
+from defocus_cli.reports import verify_table
+from defocus_cli.system import console
+from defocus_cli.system.console import counted
+from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
     from defocus_core import Check, Setting
@@ -24,8 +26,8 @@ if TYPE_CHECKING:
     cls=GroupedCommand,
     short_help="Measure whether the laws of the lens hold on this machine.",
 )
-@options.machine_options
-@options.json_option
+@shared.machine_options
+@shared.json_option
 def command(machine: Machine, as_json: bool) -> int:
     """Render small pictures and measure whether the laws of the lens hold on this machine.
 
@@ -41,21 +43,21 @@ def command(machine: Machine, as_json: bool) -> int:
       defocus verify --quality high --device cuda
       defocus verify --json | jq '.checks[] | select(.ok | not)'
     """  # noqa: D301  click reads the backspace
-    from defocus_cli import engine
+    from defocus_cli.rendering import job_steps
 
-    engine.load()
+    job_steps.load()
     import torch
 
     from defocus_core import Setting
 
-    device = engine.choose_device(machine.device)
+    device = job_steps.choose_device(machine.device)
     set_to_render()
     start = time.perf_counter()
     checks = [*_watched(Setting(device, machine.quality, machine.threads))]
     seconds = time.perf_counter() - start
     ok = all(check.ok for check in checks)
     if as_json:
-        report.print_json(
+        console.print_json(
             device=device,
             quality=machine.quality,
             threads=machine.threads,
@@ -66,9 +68,9 @@ def command(machine: Machine, as_json: bool) -> int:
         )
     else:
         for line in verify_table.lines(checks):
-            report.tell(line)
+            console.tell(line)
         work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
-        report.tell(f"{verify_table.summary(checks, seconds)} ({work})")
+        console.tell(f"{verify_table.summary(checks, seconds)} ({work})")
     return 0 if ok else 1
 
 

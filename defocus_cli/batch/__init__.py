@@ -1,0 +1,1 @@
+"""Jobs carried out: plan, pipeline, processes, Dask."""

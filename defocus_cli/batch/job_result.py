@@ -1,0 +1,137 @@
+"""Does jobs, and tells what became of each as a plain dictionary, small enough to be sent.
+
+A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
+device, quality, warnings and seconds as a record of the journal has them, paths aside: outputs are
+relative to the root, inputs have none. ``stats`` are those of the renderer. Where something was
+raised, ``trace`` is its traceback if it was a fault, and ``error`` itself is there, for this
+process alone.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.jobs.job import Job, lens_record
+from defocus_cli.journal import identity
+from defocus_cli.journal.reasons import Step, verdict
+from defocus_cli.rendering import job_steps
+
+if TYPE_CHECKING:
+    from defocus_cli.rendering.outcome import Loaded, Made
+
+Result = dict[str, Any]
+TileCount = Callable[[int, int], None]
+NOTHING = dict.fromkeys(("lens", "size", "coc_px", "color_note", "depth_note", "device", "quality"))
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A job whose inputs are decoded, or which cannot be done."""
+
+    job: Job
+    loaded: Loaded | None
+    inputs: Mapping[str, Any]
+    seconds: float
+    result: Result | None = None  # if it cannot be done
+
+
+@dataclass(frozen=True)
+class Computed:
+    """A job that is computed."""
+
+    ready: Ready
+    made: Made
+    seconds: float
+
+
+class Reader:
+    """Decodes the pictures of jobs; jobs of one picture that follow one another share it."""
+
+    def __init__(self) -> None:
+        self._last: tuple[object, Ready] | None = None
+
+    def read(self, job: Job) -> Ready:
+        """Decode the inputs of a job."""
+        key = (job.picture, job.reading, job_steps.needs_hidden(job))
+        if self._last is not None and self._last[0] == key:
+            return replace(self._last[1], job=job, seconds=0.0)
+        self._last = None  # let go of a picture before there is another
+        start = time.perf_counter()
+        stamps: dict[str, Any] = {}
+        try:
+            for role, path in job.picture.files.items():
+                with suppress(OSError):  # the decoder says it better
+                    stamps[role] = identity.settled_stamp(path)
+            loaded = job_steps.load_inputs(job)
+        except Exception as error:
+            return Ready(job, None, stamps, 0.0, failure(error, "read", stamps))
+        ready = Ready(job, loaded, stamps, time.perf_counter() - start)
+        self._last = key, ready
+        return ready
+
+
+def compute(ready: Ready, progress: TileCount | None = None) -> Computed | Result:
+    """Compute a job that can be done."""
+    assert ready.loaded is not None
+    start = time.perf_counter()
+    try:
+        made = job_steps.compute(ready.job, ready.loaded, progress)
+    except Exception as error:
+        return failure(error, "render", ready.inputs)
+    return Computed(ready, made, time.perf_counter() - start)
+
+
+def write(computed: Computed) -> Result:
+    """Write what a job computed; when this returns, it is durable."""
+    start = time.perf_counter()
+    job, inputs = computed.ready.job, computed.ready.inputs
+    try:
+        outcome = job_steps.write(computed.made)
+        outputs = {
+            name: {"path": path, **identity.stamp(job.outputs.root / path)}
+            for name, path in job.names.items()
+        }
+    except Exception as error:
+        return failure(error, "write", inputs)
+    return {
+        "status": "ok",
+        "reason": None,
+        "message": "",
+        "inputs": dict(inputs),
+        "outputs": outputs,
+        "lens": lens_record(outcome.lens),
+        "size": list(outcome.size),
+        "coc_px": list(outcome.coc_px),
+        "color_note": outcome.color_note,
+        "depth_note": outcome.depth_told(),
+        "device": outcome.device,
+        "quality": outcome.quality,
+        "warnings": list(outcome.warnings),
+        "seconds": {
+            "read": round(computed.ready.seconds, 4),
+            "render": round(outcome.render_seconds, 4),
+            "write": round(time.perf_counter() - start, 4),
+            "cpu": round(outcome.render_cpu_seconds, 4),
+        },
+        "stats": dict(outcome.stats),
+    }
+
+
+def failure(error: Exception, step: Step, inputs: Mapping[str, Any]) -> Result:
+    """The result of a job that an exception ended."""
+    status, reason, message = verdict(error, step)
+    result = failed(status, reason, message, inputs) | {"error": error}
+    if reason == "fault":
+        result["trace"] = "".join(traceback.format_exception(error))
+    return result
+
+
+def failed(status: str, reason: str, message: str, inputs: Mapping[str, Any]) -> Result:
+    """The result of a job that made nothing."""
+    told = {"status": status, "reason": reason, "message": message, "inputs": dict(inputs)}
+    return {**told, "outputs": {}, **NOTHING, "warnings": [], "seconds": {}, "stats": {}}

@@ -1,0 +1,91 @@
+"""What of a batch is done already, and what is left to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from defocus_cli.batch.execution import How
+from defocus_cli.batch.output_checks import refuse_misplaced, refuse_unknown
+from defocus_cli.jobs.job import Job
+from defocus_cli.journal import identity, run_file
+from defocus_cli.journal.journal import Record, Shard, read_all
+from defocus_cli.journal.ledger import Ledger
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The jobs of a batch, sorted.
+
+    Attributes:
+        todo: jobs to do, and the recipe of each.
+        settled: jobs that are done, or rejected, and what the journal says of them.
+        moved: those of its records that are to say anew where the inputs are.
+        beyond: how many jobs the limit puts off.
+        changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
+            that are no longer as they were.
+        again: how many of those to do, now or later, have a record that theirs will replace.
+        replaced: by number in ``todo``, records of which a job replaces some files and not all.
+        left: files that runs which did not end were about to write, and that no journal knows.
+    """
+
+    todo: list[tuple[Job, str]]
+    settled: list[tuple[Job, Record]]
+    moved: list[Record]
+    beyond: int
+    changed: int
+    again: int
+    replaced: dict[int, list[Record]]
+    left: frozenset[str]
+
+
+def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
+    """Sort the jobs of a batch into those that are done and those that are to do.
+
+    Raises:
+        InputError: a journal is broken, or a job would write where it must not.
+    """
+    refuse_misplaced(jobs)
+    ledger = Ledger(out, read_all(out))
+    todo: list[tuple[Job, str]] = []
+    settled: list[tuple[Job, Record]] = []
+    changed = again = 0
+    forced = how.again or any(job.outputs.overwrite for job in jobs)
+    for job in jobs if how.shard is None else _part(jobs, how.shard):
+        recipe = identity.recipe(job)
+        record = None
+        if not forced:
+            record = ledger.settled(job, recipe=recipe, read_inputs=how.read_inputs)
+        if record is not None:
+            settled.append((job, record))
+            continue
+        todo.append((job, recipe))
+        again += ledger.knows(job)
+        changed += not forced and any(name in ledger.files for name in job.names.values())
+    moved = [record for _, record in settled if not ledger.has(record)]
+    now = todo if how.limit is None else todo[: how.limit]
+    ledger.refuse_other_pictures(job for job, _ in now)
+    refuse_unknown([job for job, _ in now], ledger.files | run_file.begun(out))
+    begun = run_file.begun(out, how.shard) - ledger.files
+    left = frozenset(name for name in begun if (out / name).exists())
+    parts = ((number, ledger.replaced(job)) for number, (job, _) in enumerate(now))
+    replaced = {number: records for number, records in parts if records}
+    return Plan(now, settled, moved, len(todo) - len(now), changed, again, replaced, left)
+
+
+def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
+    """The jobs of a shard: every n-th picture, with all its lenses.
+
+    Where there are fewer pictures than shards, it is every n-th job: a scene that is taken by many
+    lenses is shared out, too.
+    """
+    places: list[int] = []
+    picture = None
+    for job in jobs:
+        places.append((places[-1] + (job.picture != picture)) if places else 0)
+        picture = job.picture
+    if places and places[-1] + 1 < shard.of:
+        places = list(range(len(places)))
+    mine = (place % shard.of == shard.number - 1 for place in places)
+    return [job for job, is_mine in zip(jobs, mine, strict=True) if is_mine]

@@ -1,0 +1,246 @@
+"""Does the jobs of a batch in processes of this machine.
+
+A process that dies (a crash in a decoder, the system short of memory) is replaced. Which of the
+jobs it had was to blame is not known, so each of them is done again with a process to itself; one
+that has seen `STRIKES` processes die has failed.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.batch import worker
+from defocus_cli.batch.execution import Chunk, Done
+from defocus_cli.batch.job_result import failed
+from defocus_cli.jobs.job import Job
+from defocus_cli.journal.run_file import sweep_up_after
+from defocus_cli.system.errors import InputError
+
+if TYPE_CHECKING:
+    from multiprocessing.context import SpawnProcess
+
+Serve = Callable[[Connection], None]
+STRIKES = 3
+AT_ONCE = 3  # jobs of a process: one is read, one rendered and one written
+_STILLBORN = 3  # processes that may die before they are ready
+_GRACE = 10.0  # seconds to end in
+_GLANCE = 0.1  # seconds after which it is seen that all is to stop
+
+
+class Pool:
+    """Processes that do jobs.
+
+    Args:
+        processes: how many.
+        chunks: jobs, in chunks of one picture.
+        done: called with number and result of each.
+        stopped: whether no further job is to be begun.
+        serve: what a process does with its connection.
+    """
+
+    def __init__(
+        self,
+        processes: int,
+        chunks: Iterator[Chunk],
+        done: Done,
+        stopped: Callable[[], bool],
+        serve: Serve = worker.serve,
+    ) -> None:
+        self.serve = serve
+        self.processes, self.chunks, self.done, self.stopped = processes, chunks, done, stopped
+        self.workers: list[_Worker] = []
+        self.suspects: deque[tuple[int, Job]] = deque()
+        self.strikes: Counter[int] = Counter()
+        self.waiting: deque[Chunk] = deque()
+        self.stillborn = 0
+
+    def run(self) -> None:
+        """Do all jobs, or until stopped.
+
+        Raises:
+            InputError: processes cannot be started.
+            Exception: what ``done`` raised.
+        """
+        try:
+            self._hire()
+            while self.workers:
+                for each in self.workers:
+                    self._feed(each)
+                for each in [each for each in self.workers if self._is_idle(each)]:
+                    each.dismiss()
+                    self.workers.remove(each)
+                self._listen()
+                self._hire()
+        finally:
+            for each in self.workers:
+                each.kill()
+
+    def _hire(self) -> None:
+        """As many processes as there is work for."""
+        while len(self.workers) < self.processes and (self._peek() or self._has_free_suspects()):
+            chunk = self.waiting.popleft() if self._peek() else []
+            self.workers.append(_Worker(self.serve, chunk))
+
+    def _has_free_suspects(self) -> bool:
+        unready = sum(not each.flight for each in self.workers)
+        return len(self.suspects) > unready and not self.stopped()
+
+    def _peek(self) -> bool:
+        """Whether there is another chunk."""
+        if self.stopped():
+            self.waiting.clear()
+            return False
+        if not self.waiting:
+            self.waiting.extend(chunk for chunk in (next(self.chunks, None),) if chunk)
+        return bool(self.waiting)
+
+    def _feed(self, each: _Worker) -> None:
+        """Give a process what it can take."""
+        if self.stopped():
+            each.chunk.clear()
+            self.suspects.clear()
+            each.stop()
+        if not each.ready or each.alone or each.told_to_stop:
+            return
+        if self.suspects and not each.flight:
+            each.alone = True
+            each.send(self.suspects.popleft())
+            return
+        while len(each.flight) < AT_ONCE and not self.suspects:
+            if not each.chunk:
+                if not self._peek():
+                    return
+                each.chunk.extend(self.waiting.popleft())
+            each.send(each.chunk.popleft())
+
+    def _is_idle(self, each: _Worker) -> bool:
+        """Whether a process that was given what there is has nothing to do."""
+        waits = each.ready or self.stopped()
+        return waits and not each.flight and not each.chunk
+
+    def _listen(self) -> None:
+        """Wait until a process says something or dies."""
+        if not self.workers:
+            return
+        handles: dict[Any, _Worker] = {each.connection: each for each in self.workers}
+        handles |= {each.process.sentinel: each for each in self.workers}
+        for each in dict.fromkeys(handles[handle] for handle in wait(list(handles), _GLANCE)):
+            try:
+                while each.connection.poll():
+                    self._hear(each, each.connection.recv())
+            except (EOFError, OSError):
+                self._bury(each)
+
+    def _hear(self, each: _Worker, said: Any) -> None:
+        if said == worker.READY:
+            each.ready, self.stillborn = True, 0
+            return
+        number, result = said
+        if each.flight.pop(number, None) is not None:
+            each.alone = False
+            self.done(number, result)
+
+    def _bury(self, each: _Worker) -> None:
+        """A process has died: what it had is done again, each by itself."""
+        self.workers.remove(each)
+        each.kill()
+        if each.told_to_stop:  # and let go of what it had not begun
+            return
+        if not each.ready:
+            self.stillborn += 1
+            if self.stillborn >= _STILLBORN:
+                problem = f"die when they start (exit code {each.process.exitcode})"
+                raise InputError("worker processes", problem, "see if 'defocus render' works")
+        if each.chunk:
+            self.waiting.appendleft(list(each.chunk))
+        for number, job in each.flight.items():
+            self.strikes[number] += 1
+            if self.strikes[number] < STRIKES:
+                self.suspects.append((number, job))
+                continue
+            message = f"{job.picture.color}: {_death(each.process.exitcode, self.strikes[number])}"
+            self.done(number, failed("failed", "worker-died", message, {}))
+
+
+class _Worker:
+    """A process, what it has been given, and what it is to be given next."""
+
+    def __init__(self, serve: Serve, chunk: Chunk) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process: SpawnProcess = context.Process(
+            target=serve, args=(theirs,), daemon=True, name="defocus-worker"
+        )
+        with _without_interrupts():
+            self.process.start()
+        theirs.close()
+        self.chunk = deque(chunk)
+        self.flight: dict[int, Job] = {}
+        self.ready = False
+        self.alone = False
+        self.told_to_stop = False
+
+    def send(self, numbered: tuple[int, Job]) -> None:
+        """Give it a job."""
+        self.flight[numbered[0]] = numbered[1]
+        with suppress(OSError):  # it is dead, as we shall hear
+            self.connection.send(numbered)
+
+    def stop(self) -> None:
+        """Let it end after what it has begun."""
+        if self.ready and not self.told_to_stop:
+            self.told_to_stop = True
+            with suppress(OSError):
+                self.connection.send(None)
+
+    def dismiss(self) -> None:
+        """Let it end, as it has nothing to do."""
+        self.stop()
+        if self.ready:
+            self.process.join(_GRACE)
+        self.kill()
+
+    def kill(self) -> None:
+        """End it now."""
+        self.connection.close()
+        self.process.kill()
+        self.process.join(_GRACE)
+        if self.process.pid is not None:
+            files = (path for job in self.flight.values() for path in job.written)
+            sweep_up_after(self.process.pid, files)
+
+
+def execute_in(processes: int) -> Callable[..., None]:
+    """What does jobs in so many processes."""
+
+    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        Pool(processes, chunks, done, stopped).run()
+
+    return execute
+
+
+def _death(code: int | None, times: int) -> str:
+    how = f"with exit code {code}"
+    if code is not None and code < 0:
+        with suppress(ValueError):
+            how = f"by {signal.Signals(-code).name}"
+    return f"{times} processes that worked on it died, the last {how}; see if it is damaged"
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Processes started in the block never hear Ctrl-C, which is the coordinator's affair."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,232 @@
+"""Carries out jobs on OUT: what is done is skipped, the rest is done and written to the journal.
+
+This is the one path of `defocus render`, `batch` and `retry`. Only this process writes the journal.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from defocus_cli.batch.execution import Chunk, How
+from defocus_cli.batch.job_result import Result
+from defocus_cli.batch.output_checks import refuse_unwritable
+from defocus_cli.batch.plan import Plan, make_plan
+from defocus_cli.batch.superseded_files import Remains
+from defocus_cli.jobs.job import Job
+from defocus_cli.journal import identity, run_file
+from defocus_cli.journal.journal import Journal, Record, journal_path, told_path
+from defocus_cli.journal.lock import locked
+from defocus_cli.journal.run_file import Undertaking
+from defocus_cli.system import console
+from defocus_cli.system.errors import InputError
+from defocus_cli.system.interrupts import Interrupts
+from defocus_cli.system.safe_files import unwritable
+
+MOST_IN_A_CHUNK = 8
+
+
+class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
+    """Nothing more can be written."""
+
+
+class Listener(Protocol):
+    """What hears how a batch goes."""
+
+    def planned(self, plan: Plan) -> None:
+        """Before the first job is done."""
+
+    def ended(self, job: Job, record: Record, result: Result) -> None:
+        """A job has come to its end, and the journal has it."""
+
+
+@dataclass
+class Summary:
+    """What came of a batch: jobs by status, those done before aside."""
+
+    jobs: int
+    skipped: int
+    left: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+    warned: int = 0
+    seconds: float = 0.0
+    interrupted: bool = False
+
+
+def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> Summary:
+    """Do jobs that write to OUT.
+
+    Raises:
+        InputError: the journal, or an output that must not be touched, is in the way; or nothing
+            more can be written.
+    """
+    for outputs in {job.outputs for job in jobs}:
+        refuse_unwritable(outputs)
+    made = _made_directories(out)
+    try:
+        with locked(out, how.shard, say=console.say):
+            return _carried_out(jobs, out, how, listener)
+    finally:
+        for folder in made:
+            with suppress(OSError):  # something was written
+                folder.rmdir()
+
+
+def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> Summary:
+    if how.shard is None and run_file.plans(out):
+        run_file.sweep_up(out)
+    plan = make_plan(jobs, out, how)
+    listener.planned(plan)
+    settled = len(plan.settled)
+    plan.settled.clear()  # a night is long, and they are many
+    left = len(plan.todo) + plan.beyond
+    summary = Summary(settled + left, settled, left)
+    path = run_file.run_path(out, how.shard)
+    if plan.moved:
+        with Journal(journal_path(out, how.shard)) as journal:
+            for record in plan.moved:
+                journal.append(record)
+        plan.moved.clear()
+    if not plan.todo:
+        if not plan.left:
+            path.unlink(missing_ok=True)
+        return summary
+    others = run_file.left(out) if how.again else 0  # what a batch that was stopped has left
+    begun = {"jobs": summary.jobs, "left": left + others, "again": plan.again, "begun": _now()}
+    with Interrupts(patient=len(plan.todo) > 1) as interrupts:
+        run = Undertaking(path, begun, plan.left, others=others)
+        if how.shard is None and not how.again:
+            run_file.take_over(out)
+        try:
+            with Journal(journal_path(out, how.shard)) as journal:
+                _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
+        except BaseException:
+            run.end(done=len(jobs) == 1)
+            raise
+        if how.shard is None:  # else others write here
+            run_file.sweep_up(out)
+        run.end(done=summary.left == 0, settled=True)
+    summary.interrupted = interrupts.asked
+    return summary
+
+
+class _Batch:
+    """Jobs being done."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        how: How,
+        listener: Listener,
+        run: Undertaking,
+        journal: Journal,
+        summary: Summary,
+        interrupts: Interrupts,
+    ) -> None:
+        self.plan, self.out, self.how, self.listener = plan, out, how, listener
+        self.run, self.journal, self.summary, self.interrupts = run, journal, summary, interrupts
+        self.remains = Remains(out)
+        self.stopping = False
+
+    def do(self) -> None:
+        """Do all, or as many as the user and the disk let us."""
+        start = time.perf_counter()
+        try:
+            self.how.execute(self.chunks(), self.done, self.stopped)
+        finally:
+            self.summary.seconds = time.perf_counter() - start
+            for line in self.remains.lines():
+                console.say(line)
+
+    def stopped(self) -> bool:
+        """Whether no further job is to be begun."""
+        return self.stopping or self.interrupts.asked
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Jobs of one picture at a time; asked for one, we say that its files will be written."""
+        for chunk in _chunks(self.plan.todo, self.how.spread):
+            if self.stopped():
+                return
+            self.run.begin(name for _, job in chunk for name in job.names.values())
+            yield chunk
+
+    def done(self, number: int, result: Result) -> None:
+        """Write down what became of a job."""
+        job = self.plan.todo[number][0]
+        if result["reason"] == "no-space":  # nobody else will find any
+            raise NoSpace(*result["message"].split(": ", 1))
+        record = record_of(job, self.plan.todo[number][1], self.out, result)
+        if result["status"] == "ok":
+            self.remains.beside(record, self.plan.replaced.pop(number, ()))
+        self.journal.append(record)
+        if result["status"] == "ok":
+            self.run.known(job.names.values())
+        self.summary.left -= 1
+        self.summary.statuses[result["status"]] += 1
+        self.summary.warned += bool(result["warnings"])
+        if result["reason"]:
+            self.summary.reasons[result["reason"]] += 1
+        if result["status"] == "failed" and self.how.fail_fast:
+            self.stopping = True
+        self.listener.ended(job, record, result)
+
+
+def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
+    """What the journal says of a job."""
+    places = {role: told_path(path, out) for role, path in job.picture.files.items()}
+    inputs = {
+        role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
+    }
+    outputs = result["outputs"] or {name: {"path": path} for name, path in job.names.items()}
+    copied = ("lens", "size", "coc_px", "device", "warnings", "seconds")
+    notes = ("color_note", "depth_note")
+    return {
+        "sample_id": job.sample_id,
+        "job": identity.name(recipe, inputs),
+        "recipe": recipe,
+        "status": result["status"],
+        "reason": result["reason"],
+        "message": result["message"],
+        "settings": identity.settings(job),
+        "inputs": inputs,
+        "outputs": outputs,
+        **{key: result[key] for key in (*copied, *notes)},
+        "quality": result["quality"] or job.machine.quality,
+        "version": identity.core_version(),
+        "finished": _now(),
+    }
+
+
+def _chunks(todo: Sequence[tuple[Job, str]], spread: int) -> Iterator[Chunk]:
+    """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
+    most = max(1, min(MOST_IN_A_CHUNK, len(todo) // (4 * spread)))
+    chunk: Chunk = []
+    for number, (job, _) in enumerate(todo):
+        if chunk and (len(chunk) == most or chunk[-1][1].picture != job.picture):
+            yield chunk
+            chunk = []
+        chunk.append((number, job))
+    if chunk:
+        yield chunk
+
+
+def _made_directories(out: Path) -> list[Path]:
+    """Make OUT; the directories that are new, the innermost first."""
+    new = [folder for folder in (out, *out.absolute().parents) if not folder.exists()]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(out, error) from error
+    return new
+
+
+def _now() -> str:
+    return datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")

@@ -1,0 +1,1 @@
+"""Error and time of the renderer on scenes with known truth."""

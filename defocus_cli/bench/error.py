@@ -1,0 +1,94 @@
+"""Renders a shot by each method and measures its error against the truth, and its cost.
+
+Methods are the qualities of the renderer and the baselines it has to beat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from defocus_cli.bench.timing import Cost, FftUnit, measured
+from defocus_cli.rendering.focusing import radius_at_infinity
+from defocus_cli.system.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from defocus_cli.bench.truth_set import Pictures, Shot
+    from defocus_core import Errors
+
+BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One shot by one method.
+
+    Attributes:
+        scene: name.
+        shot: name.
+        method: a quality or a baseline.
+        errors: against the truth.
+        cost: of the rendering alone.
+    """
+
+    scene: str
+    shot: str
+    method: str
+    errors: Errors
+    cost: Cost
+
+
+def measure_shot(
+    shot: Shot,
+    pictures: Pictures,
+    methods: Sequence[str],
+    *,
+    device: str,
+    threads: int,
+) -> Iterator[Row]:
+    """One row for each method, when it is done.
+
+    Raises:
+        InputError: the picture does not fit into the memory of the GPU.
+    """
+    import torch
+
+    from defocus_core import metrics
+
+    sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    try:
+        unit = FftUnit(sharp)
+        for method in methods:
+            work = _work(method, shot, sharp, radius, threads)
+            picture, cost = measured(work, unit, repeats=1)
+            errors = metrics.measure(
+                picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
+            )
+            yield Row(shot.scene, shot.name, method, errors, cost)
+    except torch.OutOfMemoryError:
+        problem = "does not fit into the memory of the GPU"
+        raise InputError(shot.folder, problem, "use --device cpu") from None
+
+
+def _work(
+    method: str, shot: Shot, sharp: Tensor, radius: Tensor, threads: int
+) -> Callable[[], Tensor]:
+    from defocus_core import Aperture, baselines, render
+
+    aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
+    if method == "input":
+        return lambda: sharp
+    if method == "sum":
+        return lambda: baselines.plain_sum(sharp, radius, aperture=aperture, threads=threads)
+    if method == "over":
+        return lambda: baselines.over(sharp, radius, aperture=aperture, threads=threads)
+    height, width = radius.shape
+    infinity = radius_at_infinity(shot.lens, (width, height))
+    return lambda: (
+        render(
+            sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity
+        ).render
+    )

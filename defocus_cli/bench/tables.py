@@ -1,0 +1,185 @@
+"""Errors and times as lines of tables and as records for JSON; means and regressions.
+
+A regression is a shot on which `standard` is worse than a baseline by more than truth in half
+floats can tell: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.bench.baseline import TOLERANCE
+from defocus_cli.bench.error import BASELINES
+
+if TYPE_CHECKING:
+    from defocus_cli.bench.error import Row
+    from defocus_cli.bench.timing import Timing
+
+JUDGED = "standard"
+CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
+_LEAST_DB, _LEAST_SSIM, _LEAST_SHARE = 0.1, 0.001, 0.01
+# Relative RMSE of rounding to half, which truth and input have both.
+_ROUNDING = 1.4e-4
+_DECIMALS = {
+    **{"psnr": 2, "psnr_edges": 2, "psnr_elsewhere": 2, "rel_rmse": 5, "ssim": 5, "p999": 4},
+    **{"seconds": 3, "fft_units": 1, "peak_mb": 0},
+}
+_WIDTHS = {"psnr": 7, "psnr_edges": 7, "psnr_elsewhere": 7, "peak_mb": 7}
+_TITLES = {"psnr": "PSNR", "psnr_edges": "edges", "psnr_elsewhere": "other", "rel_rmse": "relRMSE"}
+_TITLES |= {"ssim": "SSIM", "fft_units": "FFTs", "peak_mb": "MB"}
+
+
+def record(row: Row) -> dict[str, Any]:
+    """A row in plain words and numbers."""
+    names = {"scene": row.scene, "shot": row.shot, "method": row.method}
+    return {**names, **asdict(row.errors), **asdict(row.cost)}
+
+
+def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """For each method the means over all shots, each PSNR capped at 50 dB.
+
+    Shots that all methods get right, as a white picture, tell nothing and are left out; unless
+    there is nothing else. Memory is the most of any shot.
+    """
+    records = [record(row) for row in rows]
+    told = {(r["scene"], r["shot"]) for r in records if r["psnr"] < 90}
+    records = [r for r in records if not told or (r["scene"], r["shot"]) in told]
+    found = []
+    for method in dict.fromkeys(r["method"] for r in records):
+        own = [r for r in records if r["method"] == method]
+        mean: dict[str, Any] = {"method": method, "shots": len(own)}
+        for name in _DECIMALS:
+            values = [r[name] for r in own if r[name] is not None]
+            if name.startswith("psnr"):
+                values = [min(value, CAP) for value in values]
+            gather = max if name == "peak_mb" else fmean
+            mean[name] = gather(values) if values else None
+        found.append(mean)
+    return found
+
+
+def regressions(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Where the standard quality is worse than a baseline, and by how much, the worst first."""
+    judged = {(row.scene, row.shot): row.errors for row in rows if row.method == JUDGED}
+    found = []
+    for row in rows:
+        own, other = judged.get((row.scene, row.shot)), row.errors
+        if own is None or row.method not in BASELINES:
+            continue
+        decibels, similarity = other.psnr - own.psnr, other.ssim - own.ssim
+        excess = own.rel_rmse - other.rel_rmse
+        worse = {
+            "psnr": decibels if decibels > _LEAST_DB else None,
+            "ssim": similarity if similarity > _LEAST_SSIM else None,
+            "rel_rmse": excess if excess > max(_LEAST_SHARE * other.rel_rmse, _ROUNDING) else None,
+        }
+        lost = {name: by for name, by in worse.items() if by is not None}
+        if lost:
+            where = {"scene": row.scene, "shot": row.shot, "baseline": row.method}
+            found.append({**where, "lost": lost, "share": excess / max(other.rel_rmse, 1e-12)})
+    return sorted(found, key=lambda r: -float(r["lost"].get("psnr", 0.0)))
+
+
+def error_document(rows: Sequence[Row]) -> dict[str, Any]:
+    """All rows, means and regressions, for JSON."""
+    found = {"means": means(rows), "regressions": regressions(rows)}
+    return {"rows": [record(row) for row in rows], **found}
+
+
+def error_heading() -> str:
+    """The titles of the columns of errors."""
+    titles = (f"{_TITLES.get(name, name):>{_WIDTHS.get(name, 9)}}" for name in _DECIMALS)
+    return f"{'scene':<10}{'shot':<8}{'method':<9}" + "".join(titles)
+
+
+def line(row: Row, *, worse: bool = False) -> str:
+    """A row of the table, marked if it is a regression."""
+    names = f"{row.scene:<10}{row.shot:<8}{row.method:<9}"
+    return names + _cells(record(row)) + (" !" if worse else "")
+
+
+def shot_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """The rows of one shot."""
+    worse = bool(regressions(rows))
+    for row in rows:
+        yield line(row, worse=worse and row.method == JUDGED)
+
+
+def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Means and regressions in words."""
+    found = means(rows)
+    shots = found[0]["shots"]
+    yield ""
+    yield f"means of {shots} shot{'s' * (shots != 1)}, PSNR capped at {CAP:g} dB"
+    for mean in found:
+        yield f"{'mean':<18}{mean['method']:<9}" + _cells(mean)
+    worse = regressions(rows)
+    if worse:
+        yield ""
+    for lost in worse:
+        yield _loss(lost)
+
+
+def _loss(found: dict[str, Any]) -> str:
+    lost = found["lost"]
+    words = []
+    if "psnr" in lost:
+        words.append(f"{lost['psnr']:.2f} dB")
+    if "ssim" in lost:
+        words.append(f"{lost['ssim']:.4f} SSIM")
+    if "rel_rmse" in lost:
+        words.append(f"{100 * found['share']:.1f} % relative RMSE")
+    baseline = BASELINES[found["baseline"]]
+    return f"! {found['scene']} {found['shot']}: {JUDGED} loses {', '.join(words)} to {baseline}"
+
+
+def _cells(values: dict[str, Any]) -> str:
+    cells = []
+    for name, decimals in _DECIMALS.items():
+        value = values[name]
+        told = "-" if value is None else f"{value:.{decimals}f}"
+        cells.append(f"{told:>{_WIDTHS.get(name, 9)}}")
+    return "".join(cells)
+
+
+def time_record(timing: Timing) -> dict[str, Any]:
+    """A timing in plain words and numbers."""
+    case = timing.case
+    size = {"width": case.size[0], "height": case.size[1]}
+    settings = {"kind": case.kind, **size, "radius": case.radius, "quality": case.quality}
+    return {"case": case.name, **settings, **asdict(timing.cost)}
+
+
+def time_heading() -> str:
+    """The titles of the columns of times."""
+    return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
+
+
+def time_line(timing: Timing) -> str:
+    """A row of the table of times."""
+    case, cost = timing.case, timing.cost
+    size = "{}x{}".format(*case.size)
+    memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"
+    names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"
+    return f"{names}{cost.seconds:>9.3f}{cost.fft_units:>8.1f}{memory:>7}"
+
+
+def comparison_lines(
+    compared: Sequence[Mapping[str, Any]], worse: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
+    """The cases that got slower since a stored run, and a summary of all."""
+    yield ""
+    for each in worse:
+        yield (
+            f"! {each['case']}: {each['fft_units']:.1f} FFTs, stored {each['stored']:.1f}: "
+            f"{each['ratio']:.2f} x"
+        )
+    ratios = sorted(each["ratio"] for each in compared)
+    yield (
+        f"{len(worse)} of {len(compared)} cases slower than stored by more than "
+        f"{100 * TOLERANCE:g} %; ratio {ratios[0]:.2f} to {ratios[-1]:.2f}, "
+        f"median {ratios[len(ratios) // 2]:.2f}"
+    )

@@ -1,0 +1,1 @@
+"""A finished batch as a dataset: index, shards, samples."""

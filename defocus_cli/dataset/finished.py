@@ -1,0 +1,96 @@
+"""A finished batch, for programs that train on it: its samples, without torch and without pixels.
+
+::
+
+    from defocus_cli.finished import samples
+
+    for sample in samples("out"):
+        sample.files["render"], sample.files["coc"], sample.lens.fnum
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from defocus_cli.dataset.sample_index import NAME
+from defocus_cli.jobs.job import Lens
+from defocus_cli.system.errors import InputError, reason
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One picture as one lens took it.
+
+    Attributes:
+        sample_id: its name, the stem of its files.
+        files: the file of each kind.
+        inputs: the files that it was made of, by role: color, depth, hidden_color, hidden_depth.
+        lens: the lens, its focus distance known.
+        size: width and height in px.
+        coc_px: smallest and largest signed radius of the blur.
+        quality: of the rendering.
+        record: its whole line of the index.
+    """
+
+    sample_id: str
+    files: Mapping[str, Path]
+    inputs: Mapping[str, Path]
+    lens: Lens
+    size: tuple[int, int]
+    coc_px: tuple[float, float]
+    quality: str
+    record: Mapping[str, Any]
+
+
+def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
+    """The samples of a finished batch in ``out``, sorted by name.
+
+    Raises:
+        InputError: there is no index in ``out``, or a line of it is broken.
+    """
+    root = Path(out)
+    path = root / NAME
+    try:
+        with path.open(encoding="utf-8") as lines:
+            for number, line in enumerate(lines, 1):
+                yield _sample(root, line, f"{path}: line {number}")
+    except OSError as error:
+        problem = f"cannot be read: {reason(error)}"
+        raise InputError(path, problem, "it is written when a batch ends") from None
+
+
+def _sample(root: Path, line: str, where: str) -> Sample:
+    try:
+        record = json.loads(line)
+        return Sample(
+            sample_id=record["sample_id"],
+            files={kind: root / path for kind, path in record["outputs"].items()},
+            inputs={role: root / path for role, path in record["inputs"].items()},
+            lens=_lens(record["lens"]),
+            size=(record["width"], record["height"]),
+            coc_px=(record["coc_min_px"], record["coc_max_px"]),
+            quality=record["quality"],
+            record=record,
+        )
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        problem = f"is no sample: {type(error).__name__} {reason(error)}"
+        raise InputError(where, problem, "let the batch write it again") from None
+
+
+def _lens(told: Mapping[str, Any]) -> Lens:
+    return Lens(
+        foclen=told["focal_length_mm"],
+        fnum=told["fnumber"],
+        foc_dist=math.inf if told["focus_mm"] is None else told["focus_mm"],
+        focus_at=tuple(told["focus_at_px"]) if told["focus_at_px"] else None,
+        sensor_width=told["sensor_width_mm"],
+        blades=told["blades"],
+        blade_rotation=told["blade_rotation_deg"],
+        focus_percentile=told["focus_percentile"],
+    )

@@ -1,0 +1,222 @@
+"""The samples of a finished batch as WebDataset shards: ``OUT/shards/samples-000000.tar``, ….
+
+Each sample is ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the
+index. The key is the sample_id with _ for each dot, as readers of such tars cut at the first one.
+The same samples make the same bytes. ``shards.json`` beside them lists the shards, and the size
+they were packed in; those that are as listed are not packed again.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import tarfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from defocus_cli.dataset import sample_index
+from defocus_cli.dataset.sample_index import Record
+from defocus_cli.system.errors import InputError, reason
+from defocus_cli.system.safe_files import written_whole
+
+FOLDER = "shards"
+LIST = "shards.json"
+_NAME = re.compile(r"samples-\d{6,}\.tar")
+
+
+@dataclass(frozen=True)
+class Member:
+    """A file of a shard: one of OUT's, or a few bytes."""
+
+    name: str
+    size: int
+    source: Path | bytes
+
+    @property
+    def info(self) -> tarfile.TarInfo:
+        """Its header: no time, no owner."""
+        info = tarfile.TarInfo(self.name)
+        info.size = self.size
+        info.mode = 0o644
+        return info
+
+    @property
+    def packed(self) -> int:
+        """Bytes that it takes in a tar."""
+        header = len(self.info.tobuf(tarfile.PAX_FORMAT))
+        return header + _rounded(self.size, tarfile.BLOCKSIZE)
+
+
+Sample = tuple[Member, ...]
+
+
+def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
+    """Pack the samples that are done into tars of at most ``limit`` bytes.
+
+    A sample larger than that gets a tar to itself. Tars of an earlier batch that are no longer
+    needed are removed.
+
+    Args:
+        out: what the outputs' paths are relative to.
+        records: of the journal; those whose status is not ``ok`` are no samples.
+        limit: bytes.
+
+    Returns:
+        The tars, in order.
+
+    Raises:
+        InputError: an output is gone, or a tar cannot be written.
+    """
+    folder = out / FOLDER
+    before = listed(out)
+    packed = []
+    for number, samples in enumerate(_shards(_samples(out, records), limit)):
+        path = folder / f"samples-{number:06}.tar"
+        digest = _digest(samples)
+        known = before.get(path.name)
+        if known is None or known["digest"] != digest or not _has_size(path, known["bytes"]):
+            _pack(path, samples)
+        size = path.stat().st_size
+        one = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
+        packed.append(one)
+    with written_whole(folder / LIST) as file:
+        told = {"limit": limit, "shards": packed}
+        file.write(json.dumps(told, indent=1).encode() + b"\n")
+    kept = [folder / str(one["file"]) for one in packed]
+    for path in set(folder.iterdir()) - set(kept):
+        if _NAME.fullmatch(path.name):
+            path.unlink()
+    return kept
+
+
+def there(out: Path) -> bool:
+    """Whether OUT has shards."""
+    with suppress(OSError):
+        return any(_NAME.fullmatch(path.name) for path in (out / FOLDER).iterdir())
+    return False
+
+
+def packed_in(out: Path) -> int | None:
+    """Bytes that the shards of OUT were packed in; None if they do not tell."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return int(_list(out)["limit"])
+    return None
+
+
+def listed(out: Path) -> dict[str, Mapping[str, Any]]:
+    """Shards of an earlier run by name; none where their list is missing or broken."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        shards = _list(out)["shards"]
+        return {
+            str(one["file"]): {"digest": one["digest"], "bytes": one["bytes"]} for one in shards
+        }
+    return {}
+
+
+def _list(out: Path) -> Any:
+    return json.loads((out / FOLDER / LIST).read_text())
+
+
+def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
+    entries = list(sample_index.entries(records))
+    for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
+        files = [(kind, out / path) for kind, path in entry["outputs"].items()]
+        members = [Member(f"{key}.{kind}{path.suffix}", _size(path), path) for kind, path in files]
+        told = sample_index.line(entry)
+        yield tuple(sorted([*members, Member(f"{key}.json", len(told), told)], key=_name))
+
+
+def _keys(names: Sequence[str]) -> list[str]:
+    """A key without dots for each sample; where two would be alike, with a hash of the name."""
+    plain = [name.replace(".", "_") for name in names]
+    count = Counter(plain)
+    return [
+        key
+        if name == key or count[key] == 1
+        else f"{key}_{blake2b(name.encode(), digest_size=4).hexdigest()}"
+        for name, key in zip(names, plain, strict=True)
+    ]
+
+
+def _shards(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
+    """As many samples in each as fit."""
+    shard: list[Sample] = []
+    size = 0
+    for sample in samples:
+        more = sum(member.packed for member in sample)
+        if shard and _closed(size + more) > limit:
+            yield shard
+            shard, size = [], 0
+        shard.append(sample)
+        size += more
+    if shard:
+        yield shard
+
+
+def _pack(path: Path, samples: Iterable[Sample]) -> None:
+    with (
+        written_whole(path) as file,
+        tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
+    ):
+        for member in (member for sample in samples for member in sample):
+            with _opened(member.source) as content:
+                try:
+                    tar.addfile(member.info, content)
+                except (tarfile.TarError, OSError) as error:
+                    if getattr(error, "errno", None) is not None:  # the tar cannot be written
+                        raise
+                    problem = f"changed while it was packed: {reason(error)}"
+                    raise InputError(str(member.source), problem, "pack it again") from None
+
+
+def _opened(source: Path | bytes) -> BinaryIO:
+    if isinstance(source, bytes):
+        return io.BytesIO(source)
+    try:
+        return source.open("rb")
+    except OSError as error:
+        raise _gone(source, error) from None
+
+
+def _digest(samples: Iterable[Sample]) -> str:
+    """What tells shards apart: names and sizes, and the JSON, which has the hashes of the files."""
+    digest = blake2b(digest_size=16)
+    for member in (member for sample in samples for member in sample):
+        digest.update(f"{member.name}\0{member.size}\0".encode("utf-8", "surrogateescape"))
+        if isinstance(member.source, bytes):
+            digest.update(member.source)
+    return digest.hexdigest()
+
+
+def _has_size(path: Path, size: object) -> bool:
+    return path.is_file() and path.stat().st_size == size
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError as error:
+        raise _gone(path, error) from None
+
+
+def _gone(path: Path, error: OSError) -> InputError:
+    return InputError(path, f"cannot be packed: {reason(error)}", "render the batch again")
+
+
+def _name(member: Member) -> str:
+    return member.name
+
+
+def _rounded(size: int, block: int) -> int:
+    return -(-size // block) * block
+
+
+def _closed(size: int) -> int:
+    """Bytes of a tar whose members take ``size``."""
+    return _rounded(size + 2 * tarfile.BLOCKSIZE, tarfile.RECORDSIZE)

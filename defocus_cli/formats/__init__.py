@@ -1,0 +1,1 @@
+"""Files of pictures: EXR, raster, float maps, depth conventions, kinds of output."""

@@ -1,0 +1,230 @@
+"""Colour images, decoded to what is blurred: scene-linear float32, alpha multiplied in.
+
+EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
+otherwise. EXR alpha is premultiplied by definition; other files' is multiplied in here, in linear
+light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.formats.exr import Part, read_parts
+from defocus_cli.formats.exr_channels import ColorLayer, choose_color
+from defocus_cli.formats.exr_header import is_exr, read_headers
+from defocus_cli.formats.float_maps import is_float_map
+from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
+from defocus_cli.formats.srgb_curve import linear_light, unit
+from defocus_cli.system.arrays import IN_MEMORY, Keeping, bands, count_of
+from defocus_cli.system.console import counted
+from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_cli.system.safe_files import read_head
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+_THUMBNAIL = "preview"  # attribute of an EXR header
+
+
+@dataclass(frozen=True)
+class Color:
+    """A decoded colour image.
+
+    Attributes:
+        planes: C arrays [H, W], half or float32, scene-linear, alpha premultiplied.
+        channels: names of the C channels: R, G, B or Y, then A if there is one.
+        path: the file.
+        attributes: EXR metadata for the output to carry.
+        extras: the EXR file's other channels [H, W], native types, for the output to carry.
+        corner: x and y of the first pixel, for an EXR output to be where the input is.
+        note: how the file was understood, for people.
+        warnings: what in the file was not heeded, for people.
+        left_out: what of the EXR file no output can carry, for people.
+    """
+
+    planes: tuple[Any, ...]
+    channels: tuple[str, ...]
+    path: Path
+    attributes: Mapping[str, object] = field(default_factory=dict)
+    extras: dict[str, Any] = field(default_factory=dict)
+    corner: tuple[int, int] = (0, 0)
+    note: str = ""
+    warnings: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(height, width, C)."""
+        height, width = self.planes[0].shape
+        return height, width, len(self.planes)
+
+    @property
+    def pixels(self) -> NDArray[np.float32]:
+        """All of it, float32 [H, W, C]."""
+        import numpy as np
+
+        return np.stack([plane[:] for plane in self.planes], axis=2, dtype=np.float32)
+
+
+def read_color(
+    path: Path,
+    *,
+    layer: str | None = None,
+    part: int | None = None,
+    keeping: Keeping = IN_MEMORY,
+) -> Color:
+    """Decode a colour image.
+
+    Args:
+        path: an EXR, HDR, PNG, JPEG or TIFF file.
+        layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
+        part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
+        keeping: where the pixels are to be kept.
+
+    Raises:
+        InputError: the file cannot be read, or has no colour or several to choose from.
+        UsageProblem: a layer for a file that has none.
+    """
+    head = read_head(path)
+    if is_exr(head):
+        return _from_exr(path, layer, part, keeping)
+    if path.suffix.lower() == ".exr":
+        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+    if is_float_map(head):
+        problem = "is a map of floats without colour"
+        raise InputError(path, problem, "use EXR, PNG, JPEG, TIFF or HDR for colour")
+    if layer is not None:
+        raise UsageProblem("--color-layer", f"{path} has no layers", "leave it out")
+    return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
+
+
+def require_finite(color: Color) -> None:
+    """Refuse a colour image with NaN or infinite pixels, naming how many and the first.
+
+    Raises:
+        InputError: there are some.
+    """
+    import numpy as np
+
+    count, first = count_of(
+        (~np.logical_and.reduce([np.isfinite(plane[rows]) for plane in color.planes]), rows.start)
+        for rows in bands(color.shape)
+    )
+    if not count:
+        return
+    problem = f"is NaN or infinite in {counted(count, 'pixel')}, the first at {first}"
+    raise InputError(color.path, problem, "render or save it again with finite values")
+
+
+def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
+    headers = read_headers(path)
+    chosen = choose_color(path, headers, layer=layer, part=part)
+    parts = read_parts(path, headers, keeping)
+    own = parts[chosen.header.index]
+    extras, left_out = _extras(parts, chosen)
+    return Color(
+        planes=_alike([own.channels[name] for name in chosen.channels.values()], keeping),
+        channels=tuple(chosen.channels),
+        path=path,
+        attributes={k: v for k, v in own.header.attributes.items() if k != _THUMBNAIL},
+        extras=extras,
+        corner=(chosen.header.display.x0, chosen.header.display.y0),
+        note=_exr_note(chosen),
+        warnings=_missing(chosen),
+        left_out=left_out,
+    )
+
+
+def _exr_note(chosen: ColorLayer) -> str:
+    names = chosen.channels.values()
+    kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
+    thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in chosen.header.attributes)
+    told = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
+    return ", ".join(filter(None, told))
+
+
+def _missing(chosen: ColorLayer) -> tuple[str, ...]:
+    """What is black because the file has no pixels there; with alpha, it is as transparent."""
+    header = chosen.header
+    if "A" in chosen.channels or header.data.covers(header.display):
+        return ()
+    return (f"black outside its data window {header.data}; render the whole display window",)
+
+
+def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
+    """Channels of one type, half or float32, that holds all that is in them."""
+    import numpy as np
+
+    if all(plane.dtype == np.float16 for plane in planes):
+        return tuple(planes)
+    found = []
+    for plane in planes:
+        if plane.dtype != np.float32:
+            given, plane = plane, keeping.new(plane.shape, np.float32)
+            for rows in bands(plane.shape):
+                plane[rows] = given[rows]
+        found.append(plane)
+    return tuple(found)
+
+
+def _extras(
+    parts: Sequence[Part], chosen: ColorLayer
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """Channels beside the chosen layer, PART.NAME where a plain name is taken.
+
+    And, in words, what cannot share a file with the output.
+    """
+    size = (chosen.header.display.width, chosen.header.display.height)
+    extras: dict[str, NDArray[Any]] = {}
+    left_out = []
+    for part in sorted(parts, key=lambda p: p.header.index != chosen.header.index):
+        display = part.header.display
+        if part.header.deep or (display.width, display.height) != size:
+            why = "which is deep" if part.header.deep else "which is of another size"
+            left_out.append(f"part {part.header.label}, {why}, left out")
+            continue
+        lost = [channel.name for channel in part.header.channels if channel.subsampled]
+        if lost:
+            left_out.append(f"{', '.join(lost)}, subsampled, left out")
+        own = part.header.index == chosen.header.index
+        for name, plane in part.channels.items():
+            if own and name in chosen.channels.values():
+                continue
+            taken = name in extras or name in chosen.channels
+            extras[f"{part.header.label}.{name}" if taken else name] = plane
+    return extras, tuple(left_out)
+
+
+def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
+    import numpy as np
+
+    if raster.deep:
+        raise InputError(path, "holds deep data", "flatten it first")
+    names = raster.channels
+    wanted = "RGBA" if {"R", "G", "B"} <= set(names) else "YA"
+    channels = tuple(c for c in wanted if c in names)
+    if channels in ((), ("A",)):
+        problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
+        raise InputError(path, problem, "save it as RGB or grey")
+    which = [names.index(c) for c in channels]
+    size = raster.height, raster.width
+    planes = tuple(keeping.new(size, np.float32) for _ in channels)
+    for window, found in read_samples(path, raster.page):
+        samples = found[:, :, which]
+        alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
+        colour = samples if alpha is None else samples[:, :, :-1]
+        pixels = linear_light(colour, alpha, gamma=raster.space.gamma, associated=raster.associated)
+        parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
+        for index, plane in enumerate(planes):
+            plane[window] = parts[:, :, index]
+    note, unheeded = raster.space.note, raster.space.unheeded
+    if not unheeded:
+        return Color(planes, channels, path, note=note)
+    warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
+    note = f"{note}, its {unheeded} not applied"
+    return Color(planes, channels, path, note=note, warnings=(warning,))

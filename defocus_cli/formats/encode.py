@@ -1,0 +1,274 @@
+"""Images, written whole, in the format that the suffix says.
+
+EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
+and JPEG (8 bit, quality 95): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its
+colour is what shows over black. The same pixels and attributes make the same bytes: no dates.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.formats.exr import clamped_half, write_exr
+from defocus_cli.formats.srgb_curve import linear_to_srgb, quantised
+from defocus_cli.system.arrays import Stack, bands
+from defocus_cli.system.console import counted
+from defocus_cli.system.errors import InputError, UsageProblem, reason
+from defocus_cli.system.safe_files import quiet, unwritable, written_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
+_BLOCK = 1 << 20  # bytes copied at once
+_ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
+_OPTIONS: dict[str, dict[str, str | int]] = {
+    "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
+    "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
+    "jpeg": {"Compression": "jpeg:95", "jpeg:subsampling": "4:4:4"},
+}
+
+
+def write_image(
+    path: Path,
+    pixels: Any,
+    channels: Sequence[str],
+    *,
+    exr_type: str = "half",
+    bits: int = 8,
+    attributes: Mapping[str, object],
+    extras: Mapping[str, Any] | None = None,
+    corner: tuple[int, int] = (0, 0),
+    clamped: int = 0,
+) -> list[str]:
+    """Write an image.
+
+    Args:
+        path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
+        pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
+            for an EXR of half. An array, or a `Stack`; some rows are looked at at a time.
+        channels: names of the C channels, as `defocus_cli.formats.color.Color`.
+        exr_type: half or float, of the EXR's image channels.
+        bits: 8 or 16, of a PNG.
+        attributes: EXR metadata; other formats keep those that start with ``defocus:``.
+        extras: further EXR channels, written with their own types; other formats drop them.
+        corner: x and y of an EXR's first pixel.
+        clamped: pixels that had to be clamped to be half.
+
+    Returns:
+        What the file could not hold, one sentence each, for people.
+
+    Raises:
+        InputError: the file cannot be written.
+        UsageProblem: a suffix of no known format.
+    """
+    if path.suffix.lower() == ".exr":
+        planes = _planes(pixels)
+        if exr_type == "half" and pixels.dtype == "f4":
+            clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
+        named = dict(zip(channels, planes, strict=True))
+        write_exr(path, {**(extras or {}), **named}, attributes, corner)
+        warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
+        return [warning] if clamped else []
+    if path.suffix.lower() not in FORMATS:
+        problem = "has a suffix of no format that can be written"
+        raise UsageProblem(path, problem, f"use .exr, {', '.join(FORMATS)}")
+    codec = FORMATS[path.suffix.lower()]
+    depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
+    keep_alpha = codec != "jpeg"
+    above = below = 0
+
+    def encoded() -> Iterator[NDArray[Any]]:
+        nonlocal above, below
+        for rows in bands(pixels.shape):
+            found = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
+            samples, above, below = found[0], above + found[1], below + found[2]
+            yield samples
+
+    told = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
+    write_samples(path, pixels.shape[:2], encoded(), codec, told)
+    warnings = []
+    if channels[-1] == "A" and not keep_alpha:
+        warnings.append("alpha left out, colour shown over black")
+    if above:
+        warnings.append(f"{counted(above, 'pixel')} above 1 clipped")
+    if below:
+        warnings.append(f"{counted(below, 'pixel')} below 0 clipped")
+    return warnings
+
+
+def write_map(
+    path: Path,
+    values: Any,
+    channel: str,
+    *,
+    attributes: Mapping[str, object],
+    corner: tuple[int, int] = (0, 0),
+) -> None:
+    """Write a float32 EXR with one channel, values [H, W], the first of them at x, y = ``corner``.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_exr(path, {channel: values}, attributes, corner)
+
+
+def display_encoded(
+    pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
+) -> tuple[NDArray[Any], int, int]:
+    """Linear, premultiplied pixels as sRGB integers, and how many were clipped at white and black.
+
+    Args:
+        pixels: [H, W, C] scene-linear.
+        channels: names of the C channels.
+        bits: 8 or 16.
+        keep_alpha: divide the colour by alpha and keep it, instead of leaving it over black.
+
+    Returns:
+        uint8 or uint16 [H, W, C'], and the two counts.
+    """
+    import numpy as np
+
+    colour = np.asarray(pixels, np.float32)
+    alpha = None
+    white: Any = np.float32(1.0)
+    if channels[-1] == "A":
+        colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
+        white = alpha if keep_alpha else white
+    # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
+    above = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
+    below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
+    if alpha is not None and keep_alpha:
+        colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
+    encoded = quantised(linear_to_srgb(colour), bits)
+    if alpha is not None and keep_alpha:
+        encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
+    return encoded, above, below
+
+
+def write_samples(
+    path: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str],
+) -> None:
+    """Write uint8 or uint16 samples as they are.
+
+    Args:
+        path: written whole or not at all.
+        size: (height, width).
+        samples: [h, W, C] of some rows after the other; alpha, if any, unassociated.
+        codec: png, tiff or jpeg.
+        attributes: text to keep in the file where the format can.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with _memory(path) as memory:
+        _encode(path, memory, size, samples, codec, attributes)
+        with written_whole(path) as file, memory.open("rb") as encoded:
+            shutil.copyfileobj(encoded, file, _BLOCK)
+
+
+class _Half:
+    """A float32 array [H, W] as half, clamped."""
+
+    def __init__(self, whole: Any) -> None:
+        import numpy as np
+
+        self._whole, self.shape, self.dtype = whole, whole.shape, np.dtype(np.float16)
+
+    def __getitem__(self, rows: slice) -> NDArray[np.float16]:
+        return clamped_half(self._whole[rows])[0]
+
+
+def _planes(pixels: Any) -> list[Any]:
+    """The arrays [H, W] of an image [H, W, C]."""
+    if isinstance(pixels, Stack):
+        return list(pixels.planes)
+    return [pixels[:, :, index] for index in range(pixels.shape[2])]
+
+
+def _beyond_half(pixels: Any) -> int:
+    """How many pixels [H, W, C] hold more than half can."""
+    import numpy as np
+
+    return sum(
+        int(np.count_nonzero(clamped_half(pixels[rows])[1].any(axis=2)))
+        for rows in bands(pixels.shape)
+    )
+
+
+def _encode(
+    path: Path,
+    memory: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str],
+) -> None:
+    """Encode samples to a file in memory. ``path`` is for messages only."""
+    import numpy as np
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    output, done, row = None, True, 0
+    for some in samples:
+        with quiet():
+            if output is None:
+                spec = _spec(size, some, codec, attributes)
+                output = oiio.ImageOutput.create(codec)
+                assert output is not None, f"OpenImageIO without {codec}"
+                done = output.open(str(memory), spec)
+            rows = np.ascontiguousarray(some)
+            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
+        row += len(some)
+    assert output is not None
+    with quiet():
+        if not (done and output.close()):
+            problem = f"cannot be encoded as {codec}: {reason(RuntimeError(output.geterror()))}"
+            raise InputError(path, problem, "write EXR instead")
+
+
+def _spec(
+    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str]
+) -> Any:
+    import OpenImageIO as oiio  # noqa: N813
+
+    (height, width), count = size, samples.shape[2]
+    spec = oiio.ImageSpec(width, height, count, samples.dtype.name)
+    spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
+    spec.alpha_channel = count - 1 if count in (2, 4) else -1
+    settings = {**attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
+    # An empty DateTime keeps OpenImageIO from writing the current one.
+    for name, value in {**settings, "Software": "defocus", "DateTime": ""}.items():
+        spec.attribute(name, value)
+    return spec
+
+
+@contextmanager
+def _memory(path: Path) -> Iterator[Path]:
+    """A file name for an encoder to write to that no full disk can reach.
+
+    On a full disk OpenImageIO's PNG encoder reports success, and its JPEG encoder ends the process.
+    """
+    try:
+        if hasattr(os, "memfd_create"):
+            number = os.memfd_create("defocus")
+            try:
+                yield Path(f"/proc/self/fd/{number}")
+            finally:
+                os.close(number)
+        else:
+            with tempfile.TemporaryDirectory() as directory:
+                yield Path(directory) / "encoded"
+    except OSError as error:
+        raise unwritable(path, error) from error

@@ -1,0 +1,242 @@
+"""Which channels of an EXR file are the colour, and which one is the depth.
+
+OpenEXR names channels ``LAYER.CHANNEL``; files may also split layers into named parts. A name that
+the user gives is compared exactly, then without regard to case. Nothing is guessed: several
+candidates are an error that lists them in the very form the option takes.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from defocus_cli.formats.kinds import MAP_KINDS
+from defocus_cli.system.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from defocus_cli.formats.exr_header import Header
+
+_FLATTEN = "flatten it first, for example with oiiotool --flatten"
+_NEARLY_SQUARE = 1e-3  # by how much the sides of a pixel may differ
+
+
+class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
+    """None of the channels of a file is known to be depth."""
+
+
+class _Named(Protocol):
+    @property
+    def header(self) -> Header: ...
+    @property
+    def name(self) -> str: ...
+
+
+_Candidate = TypeVar("_Candidate", bound=_Named)
+
+
+@dataclass(frozen=True)
+class ColorLayer:
+    """Channels that together are a colour image.
+
+    Attributes:
+        header: the part they are in.
+        prefix: what their names have before the last dot; empty for the file's default layer.
+        channels: canonical name (R, G, B, A or Y) to the name in the file.
+    """
+
+    header: Header
+    prefix: str
+    channels: dict[str, str]
+
+    @property
+    def name(self) -> str:
+        """What ``--color-layer`` calls it inside its part."""
+        return self.prefix or "".join(c for c in self.channels if c != "A")
+
+
+@dataclass(frozen=True)
+class DepthChannel:
+    """A channel that is, or is said to be, the depth."""
+
+    header: Header
+    name: str
+
+
+def choose_color(
+    path: Path, headers: Sequence[Header], *, layer: str | None, part: int | None
+) -> ColorLayer:
+    """The colour layer of a file; ``layer`` and ``part`` as `defocus_cli.formats.color.read_color`.
+
+    Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
+
+    Raises:
+        InputError: there is none, or several; or its pixels are not square.
+    """
+    chosen = _chosen_color(path, headers, layer, part)
+    aspect = chosen.header.pixel_aspect
+    if not abs(aspect - 1) <= _NEARLY_SQUARE:
+        problem = f"has pixels {aspect:g} times as wide as high"
+        raise InputError(path, problem, "resample it to square pixels: a lens blurs in circles")
+    return chosen
+
+
+def _chosen_color(
+    path: Path, headers: Sequence[Header], layer: str | None, part: int | None
+) -> ColorLayer:
+    searched = _flat(path, _of_part(path, headers, part))
+    found = [found for header in searched for found in _color_layers(header)]
+    if layer is not None:
+        return _named(path, found, layer, "colour layer", "--color-layer")
+    candidates = [c for c in found if "R" in c.channels] or found
+    default = [c for c in candidates if not c.prefix]
+    if len(default) == 1:
+        return default[0]
+    if not candidates:
+        problem = f"has no colour channels (R, G, B or Y), only {_listing(searched)}"
+        raise InputError(path, problem, "name a file that has them")
+    return _only(path, candidates, "colour layer", "--color-layer")
+
+
+def choose_depth(
+    path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
+) -> DepthChannel:
+    """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`.
+
+    Raises:
+        NoDepthChannel: none of the channels is known to be depth.
+        InputError: the channel or part is not there, or several channels could be the depth.
+    """
+    searched = _flat(path, _of_part(path, headers, part))
+    every = [DepthChannel(header, c.name) for header in searched for c in header.channels]
+    if channel is not None:
+        return _named(path, every, channel, "channel", "--depth-channel")
+    candidates = [c for c in every if _is_depth(c)]
+    if not candidates and len(every) == 1 and every[0].name not in MAP_KINDS:
+        candidates = every
+    if len(candidates) > 1:
+        # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
+        in_depth_part = [c for c in candidates if _last(c.header.name).lower() == "depth"]
+        candidates = in_depth_part if len(in_depth_part) == 1 else candidates
+    if not candidates:
+        problem = f"has no depth channel, only {_listing(searched)}"
+        remedy = "if one of them is the depth, say --depth-channel NAME"
+        raise NoDepthChannel(path, problem, remedy)
+    return _only(path, candidates, "depth channel", "--depth-channel")
+
+
+def require_part(path: Path, part: int, count: int) -> None:
+    """Refuse a part that a file of ``count`` parts has not got.
+
+    Raises:
+        InputError: it has not.
+    """
+    if not 0 <= part < count:
+        problem = f"has no part {part}, only {count}"
+        remedy = "leave --part out" if count == 1 else f"--part counts from 0 to {count - 1}"
+        raise InputError(path, problem, remedy)
+
+
+def _of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
+    # One --part serves the colour and the depth file; where there is one part, it chooses nothing.
+    if part is None or len(headers) == 1:
+        return headers
+    require_part(path, part, len(headers))
+    return headers[part : part + 1]
+
+
+def _flat(path: Path, headers: Sequence[Header]) -> list[Header]:
+    flat = [header for header in headers if not header.deep]
+    if not flat:
+        raise InputError(path, "holds deep data, which has no single colour or depth", _FLATTEN)
+    return flat
+
+
+def _color_layers(header: Header) -> Iterable[ColorLayer]:
+    layers: dict[str, list[str]] = defaultdict(list)
+    chroma = set()  # layers of luminance and of what is usually subsampled
+    for channel in header.channels:
+        prefix, _, base = channel.name.rpartition(".")
+        if base.upper() in {"RY", "BY"}:
+            chroma.add(prefix)
+        if not channel.subsampled:
+            layers[prefix].append(channel.name)
+    for prefix, names in layers.items():
+        bases = {_last(name).upper(): name for name in names}
+        bases |= {_last(name): name for name in names}
+        if {"R", "G", "B"} <= bases.keys():
+            wanted = "RGBA"
+        elif "Y" in bases and "X" not in bases and prefix not in chroma:  # no vector
+            wanted = "YA"
+        else:
+            continue
+        yield ColorLayer(header, prefix, {c: bases[c] for c in wanted if c in bases})
+
+
+def _is_depth(candidate: DepthChannel) -> bool:
+    """Whether the name says so: Z, V, depth, or one of these in a layer called depth."""
+    layer, _, base = candidate.name.rpartition(".")
+    if base.lower() == "depth":
+        return True
+    if base.lower() not in {"z", "v"} or (layer and _last(layer).lower() != "depth"):
+        return False
+    siblings = {channel.name for channel in candidate.header.channels}
+    dot = f"{layer}." if layer else ""
+    vector = {f"{dot}X", f"{dot}Y", f"{dot}Z"} <= siblings or {f"{dot}U", f"{dot}V"} <= siblings
+    return not vector
+
+
+def _named(
+    path: Path, found: Sequence[_Candidate], wanted: str, kind: str, option: str
+) -> _Candidate:
+    """The one candidate that the user's words ``wanted`` mean."""
+    exact = [c for c in found if wanted in _names(c)]
+    folded = wanted.casefold()
+    matches = exact or [c for c in found if folded in {n.casefold() for n in _names(c)}]
+    if not matches:
+        there = ", ".join(_labels(found)) or "none"
+        raise InputError(path, f"has no {kind} {wanted}; it has {there}", f"check {option}")
+    return _only(path, matches, kind, option)
+
+
+def _names(candidate: _Named) -> set[str]:
+    """All that a user may call the candidate."""
+    header, name = candidate.header, candidate.name
+    names = {name, f"{header.index}/{name}", f"{header.label}/{name}"}
+    if isinstance(candidate, ColorLayer) and header.name and not candidate.prefix:
+        names.add(header.name)
+    return names
+
+
+def _labels(candidates: Sequence[_Named]) -> list[str]:
+    """Names that tell the candidates apart: PART/NAME when they are in several parts."""
+    parts = {candidate.header.index for candidate in candidates}
+    if len(parts) < 2:
+        return [candidate.name for candidate in candidates]
+    labels = [f"{c.header.label}/{c.name}" for c in candidates]
+    if len(set(labels)) == len(labels):
+        return labels
+    return [f"{c.header.index}/{c.name}" for c in candidates]
+
+
+def _only(path: Path, candidates: Sequence[_Candidate], kind: str, option: str) -> _Candidate:
+    if len(candidates) == 1:
+        return candidates[0]
+    labels = _labels(candidates)
+    problem = f"has {len(candidates)} candidates for the {kind}: {', '.join(labels)}"
+    raise InputError(path, problem, f"choose one, like {option} {labels[0]}, or a part with --part")
+
+
+def _listing(headers: Sequence[Header]) -> str:
+    """All channels of some parts, for a message."""
+    every = [DepthChannel(header, c.name) for header in headers for c in header.channels]
+    shown = _labels(every[:40])
+    more = len(every) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]

@@ -1,0 +1,119 @@
+"""Bare arrays of numbers as depth files: PFM and NPY.
+
+PFM (netpbm): ``Pf``, width, height, scale, then rows from bottom to top; a negative scale means
+little endian. OpenImageIO returns the rows upside down or not depending on how it is asked.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.system.errors import InputError, reason
+from defocus_cli.system.safe_files import check_size, read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+_AGAIN = "write or copy it again"
+
+
+@dataclass(frozen=True)
+class FloatMap:
+    """Shape, type and, lazily, the values of a PFM or NPY file.
+
+    Attributes:
+        values: float array [H, W], memory mapped; integers only if they were allowed.
+        format: PFM or NPY.
+    """
+
+    values: NDArray[Any]
+    format: str
+
+
+def is_float_map(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is one of these."""
+    return head[:2] in (b"Pf", b"PF") or head.startswith(b"\x93NUMPY")
+
+
+def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
+    """Map a PFM or NPY file into memory.
+
+    Args:
+        path: the file.
+        integers: whether an NPY of integers will do, since their unit is known.
+
+    Raises:
+        InputError: damaged, or not a single map of floats.
+    """
+    if read_head(path).startswith(b"\x93NUMPY"):
+        return FloatMap(_npy(path, "fiu" if integers else "f"), "NPY")
+    return FloatMap(_pfm(path), "PFM")
+
+
+def _npy(path: Path, kinds: str) -> NDArray[Any]:
+    import numpy as np
+
+    try:
+        # Mapped, since np.load would allocate whatever size the header claims.
+        values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:
+        if "Python objects" in str(error):
+            problem, remedy = "holds Python objects, not numbers", "save an array of floats"
+            raise InputError(path, problem, remedy) from error
+        problem = f"is a truncated or damaged NPY file ({reason(error)})"
+        raise InputError(path, problem, _AGAIN) from error
+    if values.dtype.kind not in kinds:
+        problem = f"holds {values.dtype} numbers, whose unit is unknown"
+        integers = values.dtype.kind in "iu"
+        raise InputError(path, problem, "say --depth-unit mm" if integers else "save floats")
+    while values.ndim > 2 and values.shape[0] == 1:
+        values = values[0]
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    if values.ndim != 2 or values.size == 0:
+        shape = " × ".join(str(n) for n in values.shape) or "no"
+        problem = f"has {shape} numbers, not height × width"
+        raise InputError(path, problem, "save one map a file")
+    return values
+
+
+def _pfm(path: Path) -> NDArray[Any]:
+    import numpy as np
+
+    head = read_head(path, 256)
+    # The fourth word ends with its line, or one blank; what follows may look like a blank too.
+    words = head.split(maxsplit=4)[:4]
+    if words[:1] == [b"PF"]:
+        raise InputError(path, "is a colour PFM (PF); depth has one channel (Pf)", "save it grey")
+    try:
+        width, height, scale = int(words[1]), int(words[2]), float(words[3])
+        end = _end_of_word(head, words)
+        line = re.match(rb"[ \t\r]*\n", head[end:])
+        start = end + (line.end() if line else 1)
+        if words[0] != b"Pf" or not math.isfinite(scale) or scale == 0:
+            raise ValueError("scale 0" if words[0] == b"Pf" else "no Pf")
+    except (ValueError, IndexError) as error:
+        raise InputError(path, f"has a damaged PFM header ({error})", _AGAIN) from error
+    check_size(path, width, height, 4)
+    there, wanted = path.stat().st_size - start, width * height * 4
+    if there < wanted:
+        problem = f"is truncated: {there} bytes of pixels, {wanted} expected"
+        raise InputError(path, problem, _AGAIN)
+    if there > wanted:
+        problem = f"holds {there - wanted} bytes more than the {wanted} of pixels of its header"
+        raise InputError(path, problem, _AGAIN)
+    dtype = np.dtype("<f4" if scale < 0 else ">f4")
+    return np.memmap(path, dtype, "r", start, (height, width))[::-1]
+
+
+def _end_of_word(head: bytes, words: list[bytes]) -> int:
+    """Offset just behind the last of ``words`` in ``head``."""
+    end = 0
+    for word in words:
+        end = head.index(word, end) + len(word)
+    return end

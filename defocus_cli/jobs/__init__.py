@@ -1,0 +1,1 @@
+"""Jobs as they are asked for: pictures, lenses, sweeps, jobs files."""

@@ -1,0 +1,208 @@
+"""The pictures that a jobs file names, each with lens options of its own if it has any.
+
+``[inputs]`` knows
+  color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
+                              colour EXR holds its own
+  hidden-color, hidden-depth  what lies behind, in the same form
+  list                        CSV or JSONL files with a row for each picture
+  pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
+
+A row has ``color`` and, if need be, ``depth``, ``hidden-color``, ``hidden-depth``, ``stem`` (what
+its outputs are named) and any option of a lens. Paths are relative to the file they stand in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from defocus_cli.jobs import lens_options, picture_lists
+from defocus_cli.jobs.job import Picture
+from defocus_cli.jobs.pairing import (
+    COLOR_SUFFIXES,
+    DEPTH_SUFFIXES,
+    SCENE_SUFFIXES,
+    find_pictures,
+    with_hidden,
+)
+from defocus_cli.jobs.picture_lists import has_wildcard, matching
+from defocus_cli.jobs.toml_file import Table
+from defocus_cli.system.errors import InputError, UsageProblem
+
+FILES = ("color", "depth", "hidden-color", "hidden-depth")
+KEYS = (*FILES, "list", "pictures")
+ROW_KEYS = (*FILES, "stem")
+_TRIED = 100  # rows whose files are looked for
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A picture, and where it is named."""
+
+    picture: Picture
+    where: str
+    options: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_inputs(table: Table) -> list[Entry]:
+    """The pictures of ``[inputs]``, in the order of the file; those of a pattern by name.
+
+    Raises:
+        InputError: files are missing, do not pair up, or a list cannot be read.
+        UsageProblem: a key is unknown, or two pictures would have one name.
+    """
+    table.refuse_unknown(KEYS)
+    entries = [
+        *_from_files(table),
+        *(entry for file in _lists(table) for entry in _from_list(file)),
+        *_from_tables(table),
+    ]
+    if not entries:
+        remedy = 'write color = "frames/*.exr" and depth = "depth/*.exr" below [inputs]'
+        raise UsageProblem(f"{table.file}: [inputs]", "names no picture", remedy)
+    named: dict[str, Entry] = {}
+    for entry in entries:
+        first = named.setdefault(entry.picture.stem, entry)
+        if first is not entry:
+            problem = f"has the same name as that of {first.where}, '{entry.picture.stem}'"
+            raise UsageProblem(entry.where, problem, "give it a stem of its own")
+    return entries
+
+
+def _from_files(table: Table) -> list[Entry]:
+    color, depth, *behind = (table.text(key) for key in FILES)
+    if color is None:
+        given = next((key for key in FILES if key in table.values), None)
+        if given is not None:
+            raise UsageProblem(table.place(given), "stands without color", "add color")
+        return []
+    hidden_color, hidden_depth = behind
+    if hidden_color is None and hidden_depth is not None:
+        raise UsageProblem(table.place("hidden-depth"), "stands without hidden-color", "add that")
+    folder = table.file.parent
+    if not any(has_wildcard(text) for text in (color, depth, *behind) if text):
+        pictures = find_pictures(folder / color, folder / depth if depth else None)
+        if hidden_color is not None:
+            paths = folder / hidden_color, folder / (hidden_depth or hidden_color)
+            pictures = with_hidden(pictures, folder / color, paths)
+    else:
+        pictures = _matched(table, "color", "depth")
+        if hidden_color is not None:
+            known = {
+                picture.stem: picture for picture in _matched(table, "hidden-color", "hidden-depth")
+            }
+            _refuse_unpaired(table, {p.stem: p.color for p in pictures}, known, "hidden-color")
+            pictures = [Picture(p.stem, p.color, p.depth, known[p.stem]) for p in pictures]
+    return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
+
+
+def _matched(table: Table, color: str, depth: str) -> list[Picture]:
+    """Pictures whose colour and depth are named alike by two patterns, or by one for both."""
+    keys = [key for key in (color, depth) if key in table.values]
+    for key in keys:
+        if not has_wildcard(table.values[key]):
+            problem = f"has no * though others of {', '.join(FILES)} have"
+            raise UsageProblem(table.place(key), problem, "write all as patterns, or none")
+    folder = table.file.parent
+    if len(keys) == 1:
+        scenes = matching(folder, table.values[color], SCENE_SUFFIXES)
+        return [Picture(name, path, path) for name, path in scenes.items()]
+    colors = matching(folder, table.values[color], COLOR_SUFFIXES)
+    depths = matching(folder, table.values[depth], DEPTH_SUFFIXES)
+    _refuse_unpaired(table, colors, depths, depth)
+    _refuse_unpaired(table, depths, colors, color)
+    return [Picture(name, path, depths[name]) for name, path in colors.items()]
+
+
+def _refuse_unpaired(
+    table: Table, files: Mapping[str, Path], others: Mapping[str, object], key: str
+) -> None:
+    lone = [name for name in files if name not in others]
+    if lone:
+        more = f" and for {len(lone) - 1} more" if len(lone) > 1 else ""
+        problem = f"matches nothing named '{lone[0]}' for {files[lone[0]]}{more}"
+        remedy = "what the wildcards stand for must be the same in both patterns"
+        raise InputError(table.place(key), problem, remedy)
+
+
+def _lists(table: Table) -> list[Path]:
+    value = table.values.get("list", [])
+    names = value if isinstance(value, list) else [value]
+    if not all(isinstance(name, str) and name for name in names):
+        problem = f"{value!r} does not name files"
+        raise UsageProblem(table.place("list"), problem, 'write list = "pictures.csv"')
+    return [table.file.parent / name for name in names]
+
+
+def _from_list(file: Path) -> list[Entry]:
+    rows = picture_lists.read_rows(file)
+    entries = [_entry(row, picture_lists.line(file, number), file.parent) for number, row in rows]
+    if not entries:
+        raise InputError(file, "has no row", "write one for each picture")
+    _refuse_lost(entries, file)
+    return entries
+
+
+def _from_tables(table: Table) -> list[Entry]:
+    rows = table.values.get("pictures", [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        remedy = "write [[inputs.pictures]] above each picture's color and depth"
+        raise UsageProblem(table.place("pictures"), "is no list of tables", remedy)
+    folder = table.file.parent
+    places = (f"{table.file}: [[inputs.pictures]] {number}" for number in range(1, len(rows) + 1))
+    entries = [_entry(row, where, folder) for row, where in zip(rows, places, strict=True)]
+    if entries:
+        _refuse_lost(entries, table.file)
+    return entries
+
+
+def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
+    options = {}
+    for key, value in row.items():
+        if key not in ROW_KEYS:
+            lens_options.refuse_unknown(key, where, "a row", more=ROW_KEYS)
+            options[key] = lens_options.text_of(value)
+    paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
+    if "color" not in paths:
+        raise InputError(where, "names no color", "give it the path of a colour file")
+    hidden = None
+    if "hidden-color" in paths:
+        behind = paths["hidden-color"]
+        hidden = Picture(behind.stem, behind, paths.get("hidden-depth", behind))
+    elif "hidden-depth" in paths:
+        raise InputError(where, "names a hidden-depth without hidden-color", "give it both")
+    color = paths["color"]
+    if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
+        raise InputError(where, "names no depth, which only EXR holds beside colour", "give depth")
+    stem = _stem(row["stem"], where) if "stem" in row else color.stem
+    return Entry(Picture(stem, color, paths.get("depth", color), hidden), where, options)
+
+
+def _path(value: object, where: str, folder: Path) -> Path:
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise InputError(where, f"{value!r} is not a path", "write it in quotes")
+    return folder / value
+
+
+def _stem(value: object, where: str) -> str:
+    stem = str(value)
+    odd = "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
+    if odd or not isinstance(value, str | int):
+        remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
+        raise InputError(f"{where}: stem", f"{value!r} cannot name a file", remedy)
+    return stem
+
+
+def _refuse_lost(entries: Sequence[Entry], file: Path) -> None:
+    """Refuse a list of paths relative to something else; what is missing alone fails alone."""
+    if not any(_exists(entry) for entry in islice(entries, _TRIED)):
+        first = entries[0]
+        remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
+        raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
+
+
+def _exists(entry: Entry) -> bool:
+    return entry.picture.color.exists()

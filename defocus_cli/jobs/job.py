@@ -1,0 +1,191 @@
+"""A job: one picture, the lens that takes it, what to write and how to compute it.
+
+Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
+Nothing here opens a file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.jobs.quantities import Percentile, length_text
+
+if TYPE_CHECKING:
+    pass
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from defocus_cli.formats.kinds import MAP_KINDS, PREVIEW, SUFFIXES
+from defocus_cli.jobs.random_lenses import Draw
+
+QUALITIES = ("draft", "standard", "high", "reference")
+DEPTH_UNITS = ("mm", "cm", "m", "ft")
+DEVICES = ("auto", "cpu", "cuda")
+TILES = (16, 1 << 14)  # px; of defocus_core, too
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Where colour and depth of one picture are; the same file twice when one EXR holds both.
+
+    `hidden` is a picture of what lies behind the visible surface, where that is known.
+    """
+
+    stem: str
+    color: Path
+    depth: Path
+    hidden: Picture | None = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its files by role: color, depth; hidden_color, hidden_depth if it has any."""
+        files = {"color": self.color, "depth": self.depth}
+        if self.hidden is not None:
+            files |= {"hidden_color": self.hidden.color, "hidden_depth": self.hidden.depth}
+        return files
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A thin lens, lengths in mm.
+
+    Its focus is at ``foc_dist``, on what pixel ``focus_at`` shows, or at ``focus_percentile`` of
+    the depth; ``engine.focused`` finds the distance.
+    """
+
+    foclen: float
+    fnum: float
+    foc_dist: float | None
+    focus_at: tuple[int, int] | None = None
+    sensor_width: float = 36.0
+    blades: int = 0
+    blade_rotation: float = 0.0
+    focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
+    max_coc: float | None = None  # px, the greatest CoC radius with which a picture is taken
+    draw: Draw | None = None  # where it is from, if it is random, and where another can be had
+    # What errors name before the option of its focus: the file that has it, or dashes.
+    focus_source: str = field(default="", compare=False)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What to take from the input files."""
+
+    depth_unit: str | None = None  # None: what the file type implies
+    depth_channel: str | None = None
+    color_layer: str | None = None
+    part: int | None = None
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What to write, and where."""
+
+    root: Path
+    kinds: tuple[str, ...] = ("render",)
+    format: str = "exr"
+    exr_type: str = "half"
+    preview: bool = False
+    overwrite: bool = False
+
+    def names(self, stem: str) -> dict[str, str]:
+        """The files of one picture, relative to the root: of each kind, and of kind.preview."""
+        suffix = SUFFIXES[self.format]
+        names = {k: f"{k}/{stem}{'.exr' if k in MAP_KINDS else suffix}" for k in self.kinds}
+        if self.preview:
+            names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
+        return names
+
+
+@dataclass(frozen=True)
+class Machine:
+    """How to compute: what the pictures look like depends on ``quality`` or ``tolerance``.
+
+    Their last digits depend on ``tile`` too, and on nothing else here.
+    """
+
+    quality: str = "standard"
+    tolerance: float | None = None  # px of CoC radius, instead of a quality
+    device: str = "auto"
+    threads: int = 1
+    memory: int | None = None  # bytes for the process; None: most of what is available
+    tile: int | None = None  # px on a side of a tile; None: what the renderer thinks best
+
+
+@dataclass(frozen=True)
+class Job:
+    """One picture to render."""
+
+    picture: Picture
+    lens: Lens
+    reading: Reading
+    outputs: Outputs
+    machine: Machine
+    suffix: str = ""  # what tells this lens from the others that take the same picture
+
+    @property
+    def sample_id(self) -> str:
+        """The name of what is made, and the stem of its files."""
+        return self.picture.stem + self.suffix
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Every file this job writes, relative to the root: of each kind, and of kind.preview."""
+        return self.outputs.names(self.sample_id)
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """The file of each kind."""
+        names, root = self.names, self.outputs.root
+        return {kind: root / names[kind] for kind in self.outputs.kinds}
+
+    @property
+    def previews(self) -> dict[str, Path]:
+        """The preview of each kind; empty when none are wanted."""
+        names = {name: path for name, path in self.names.items() if name.endswith(PREVIEW)}
+        return {name.removesuffix(PREVIEW): self.outputs.root / p for name, p in names.items()}
+
+    @property
+    def written(self) -> list[Path]:
+        """Every file this job writes."""
+        return [self.outputs.root / name for name in self.names.values()]
+
+
+def lens_record(lens: Lens) -> dict[str, Any]:
+    """A lens in plain numbers and words, units in the names; infinity is the word ``inf``."""
+    record: dict[str, Any] = {
+        "focal_length_mm": lens.foclen,
+        "fnumber": lens.fnum,
+        "sensor_width_mm": lens.sensor_width,
+        "focus_mm": "inf" if lens.foc_dist == math.inf else lens.foc_dist,
+        "blades": lens.blades,
+        "blade_rotation_deg": lens.blade_rotation,
+    }
+    if lens.focus_at is not None:
+        record["focus_at_px"] = list(lens.focus_at)
+    if lens.focus_percentile is not None:
+        record["focus_percentile"] = lens.focus_percentile
+    if lens.max_coc is not None:
+        record["max_coc_px"] = lens.max_coc
+    if (draw := lens.draw) is not None:
+        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
+    return record
+
+
+def lens_words(lens: Lens) -> str:
+    """A lens in words, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
+    return lens_record_words(lens_record(lens))
+
+
+def lens_record_words(lens: Mapping[str, Any]) -> str:
+    """The same of a lens in plain numbers."""
+    focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
+    if "focus_percentile" in lens:
+        focus = f"at {Percentile(lens['focus_percentile'])}"
+    if lens["focus_mm"] is not None:
+        focus = f"{length_text(float(lens['focus_mm']))} {focus}".strip()
+    shape = f", {lens['blades']} blades" if lens["blades"] else ""
+    foclen, sensor = (length_text(lens[f"{key}_mm"]) for key in ("focal_length", "sensor_width"))
+    return f"{foclen} f/{lens['fnumber']:g}, focus {focus}, sensor {sensor}{shape}"

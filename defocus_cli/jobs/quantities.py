@@ -1,0 +1,154 @@
+"""Quantities as people write them: lengths with a unit, angles, pixels, counts.
+
+A parser takes what stands on the command line or in a lens file and returns millimetres, degrees or
+plain numbers. Decimal arithmetic keeps ``2.3m`` at 2300 mm, so that it is written back as it came.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+
+MM_PER_UNIT = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
+MOST_BLADES = 100  # a polygon that nobody tells from a circle
+_BYTES = {
+    **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
+    **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
+}
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
+_PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
+_LENGTHS = "like 2m or 50mm"
+
+
+class QuantityError(ValueError):
+    """A text that is not the quantity asked for: what is wrong, and what to write instead."""
+
+    def __init__(self, problem: str, remedy: str) -> None:
+        super().__init__(f"{problem}; {remedy}")
+        self.problem = problem
+        self.remedy = remedy
+
+
+@dataclass(frozen=True)
+class Percentile:
+    """The distance that ``percent`` of the pixels do not exceed, those of the sky aside."""
+
+    percent: float
+
+    def __str__(self) -> str:
+        return f"percentile({self.percent:.9g})"
+
+
+def length(text: str) -> float:
+    """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
+    number, unit = _split(text, "a length", f"write a number with a unit, {_LENGTHS}")
+    if not unit:
+        raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {_LENGTHS}")
+    if unit not in MM_PER_UNIT:
+        known = ", ".join(MM_PER_UNIT)
+        raise QuantityError(f"'{text}' has an unknown unit", f"use one of {known}")
+    return _positive(float(number * Decimal(MM_PER_UNIT[unit])), text, _LENGTHS)
+
+
+def focus(text: str) -> float | Percentile:
+    """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
+    if text.strip().lower() in ("inf", "infinity"):
+        return math.inf
+    found = _PERCENTILE.fullmatch(text)
+    if not found:
+        return length(text)
+    return Percentile(percentage(found[1]))
+
+
+def percentage(text: str) -> float:
+    """A number from 0 to 100, from ``5`` or ``5%``."""
+    example = "write one from 0 to 100, like 50"
+    number, unit = _split(text.strip().removesuffix("%"), "a percentage", example)
+    if unit or not 0 <= number <= 100:
+        raise QuantityError(f"'{text}' is not a percentage", example)
+    return float(number)
+
+
+def pixel_count(text: str) -> float:
+    """A positive length in the picture, from ``40px`` or ``40``."""
+    number, unit = _split(text, "a length in px", "write it like 40px")
+    if unit not in ("", "px"):
+        raise QuantityError(f"'{text}' has an unknown unit", "write it like 40px")
+    return _positive(float(number), text, "like 40px")
+
+
+def fnumber(text: str) -> float:
+    """A positive f-number, from ``1.4`` or ``f/1.4``."""
+    number, unit = _split(text.lower().removeprefix("f/"), "an f-number", "write it like 1.4")
+    if unit:
+        raise QuantityError(f"'{text}' is not an f-number", "write it without a unit, like 1.4")
+    return _positive(float(number), text, "like 1.4")
+
+
+def angle(text: str) -> float:
+    """An angle in degrees, from ``15`` or ``15deg``."""
+    number, unit = _split(text.replace("°", "deg"), "an angle", "write degrees, like 15deg")
+    if unit not in ("", "deg"):
+        raise QuantityError(f"'{text}' has an unknown unit", "write degrees, like 15deg")
+    degrees = float(number)
+    if abs(degrees) > 360:
+        raise QuantityError(f"'{text}' is more than a turn", "give -360 to 360 degrees")
+    return degrees
+
+
+def blades(text: str) -> int:
+    """The number of aperture blades: 0 for a round opening, else 3 or more."""
+    try:
+        count = int(text)
+    except ValueError:
+        raise QuantityError(f"'{text}' is not a whole number", "write it like 6") from None
+    if count < 0 or count in (1, 2):
+        raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
+    if count > MOST_BLADES:
+        raise QuantityError(
+            f"{count} blades are too many", f"give at most {MOST_BLADES}, or 0 (round)"
+        )
+    return count
+
+
+def pixel(text: str) -> tuple[int, int]:
+    """A pixel (x, y), counted from 0 at the upper left, from ``X,Y``."""
+    found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
+    if not found:
+        raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
+    return int(found[1]), int(found[2])
+
+
+def byte_count(text: str) -> int:
+    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
+    number, unit = _split(text, "a size", "write it like 2GB")
+    if not unit:
+        raise QuantityError(f"'{text}' has no unit", "write it with a unit, like 2GB")
+    if unit not in _BYTES:
+        raise QuantityError(f"'{text}' has an unknown unit", f"use one of {', '.join(_BYTES)}")
+    count = int(number * _BYTES[unit])
+    if count < 1:
+        raise QuantityError(f"'{text}' holds no byte", "write it like 2GB")
+    return count
+
+
+def length_text(mm: float, digits: int = 6) -> str:
+    """A length to show, like ``50mm``, ``2m`` or ``inf``."""
+    if math.isinf(mm):
+        return "inf"
+    return f"{mm / 1000:.{digits}g}m" if abs(mm) >= 1000 else f"{mm:.{digits}g}mm"
+
+
+def _split(text: str, what: str, remedy: str) -> tuple[Decimal, str]:
+    found = _NUMBER.fullmatch(text)
+    if not found:
+        raise QuantityError(f"'{text}' is not {what}", remedy)
+    return Decimal(found[1]), found[2].lower()
+
+
+def _positive(value: float, text: str, example: str) -> float:
+    if not 0 < value < math.inf:
+        raise QuantityError(f"'{text}' is not positive and finite", f"give one that is, {example}")
+    return value

@@ -1,0 +1,134 @@
+"""Random lenses of a jobs file: ``[sample]`` says how many for each picture, and drawn from what.
+
+``n`` lenses for each picture and each lens of the sweep, numbered in their names: ``_s000``. What
+is drawn depends on ``seed``, the picture's name and that number alone, not on other pictures or
+draws. What an option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``,
+``disparity(a, b)`` (a focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the
+percentile of the depth) or ``choice(a, b, …)``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.jobs.lens_options import PARSERS, parsed, refuse_both, text_of
+from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage
+from defocus_cli.jobs.toml_file import Table
+from defocus_cli.system.errors import UsageProblem, reason
+
+if TYPE_CHECKING:
+    from defocus_core import Distribution
+
+KEYS = ("n", "seed", "max-coc", *PARSERS)
+MOST_DRAWS = 1_000_000
+_CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
+_NOT_RANGED = ("blades", "focus-at")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Which of the random lenses this is.
+
+    Attributes:
+        seed: what the user chose.
+        picture: the picture's name.
+        index: which of the draws for it.
+        options: all options of the lens as texts, those that are drawn and those that are not.
+        attempt: how many draws did not suit the picture before this one.
+    """
+
+    seed: int
+    picture: str
+    index: int
+    options: tuple[tuple[str, str], ...]
+    attempt: int = 0
+
+    def values(self) -> dict[str, Any]:
+        """Options of the lens, parsed or drawn."""
+        from defocus_core import drawn
+
+        options = {
+            name: distribution(name, text) or parsed(name, text) for name, text in self.options
+        }
+        values = drawn(options, self.seed, self.picture, self.index, self.attempt)
+        if getattr(options.get("focus"), "kind", "") == "percentile":
+            values["focus"] = Percentile(values["focus"])
+        return values
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many lenses are drawn for a picture, and what each option is drawn from, as texts."""
+
+    count: int = 0
+    seed: int = 0
+    options: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_sampling(table: Table) -> Sampling:
+    """What ``[sample]`` asks for; a count of 0 if there is no such table.
+
+    Raises:
+        UsageProblem: a key is unknown or missing, or a distribution makes no sense.
+    """
+    if not table.values:
+        return Sampling()
+    table.refuse_unknown(KEYS)
+    count, seed = table.whole("n", 1), table.whole("seed", 0)
+    for key, value in (("n", count), ("seed", seed)):
+        if value is None:
+            raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
+    assert count is not None
+    assert seed is not None
+    if count > MOST_DRAWS:
+        raise UsageProblem(table.place("n"), f"{count} is too many", f"at most {MOST_DRAWS}")
+    options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
+    refuse_both(options, f"{table.file}: [sample] ")
+    for name, text in options.items():
+        _require_distribution(name, text, table.place(name))
+    if not options:
+        remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
+        raise UsageProblem(f"{table.file}: [sample]", "draws no option of the lens", remedy)
+    return Sampling(count, seed, options)
+
+
+def _require_distribution(name: str, text: str, where: str) -> None:
+    try:
+        found = distribution(name, text)
+    except QuantityError as error:
+        raise UsageProblem(where, error.problem, error.remedy) from None
+    if found is None:
+        remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
+        raise UsageProblem(where, f"'{text}' is nothing to draw from", remedy)
+
+
+@lru_cache(maxsize=4096)
+def distribution(name: str, text: str) -> Distribution | None:
+    """What the option ``name`` is drawn from; None if the text is a plain value.
+
+    Raises:
+        QuantityError: the text makes no sense.
+    """
+    call = _CALL.fullmatch(text)
+    if not call:
+        return None
+    kind, words = call[1].lower(), [word.strip() for word in call[2].split(",")]
+    if kind == "percentile" and len(words) == 1:
+        return None
+    from defocus_core import Distribution
+
+    if kind != "choice" and name in _NOT_RANGED:
+        raise QuantityError(f"{name} is not drawn from a range", "write choice(…)")
+    if kind in ("disparity", "percentile") and name != "focus":
+        raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")
+    values = tuple(percentage(w) if kind == "percentile" else parsed(name, w) for w in words)
+    if kind != "choice" and any(isinstance(value, Percentile) for value in values):
+        raise QuantityError("a percentile is no end of a range", "write percentile(5, 95)")
+    try:
+        return Distribution(kind, values)
+    except ValueError as error:
+        raise QuantityError(f"'{text}' is nothing to draw from: {reason(error)}", "") from None

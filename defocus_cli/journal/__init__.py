@@ -1,0 +1,1 @@
+"""The record of jobs that were done: journal, lock, identity, progress."""

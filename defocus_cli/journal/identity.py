@@ -1,0 +1,128 @@
+"""What makes a job the job it is: its recipe and the bytes of its inputs.
+
+The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
+kinds and types of outputs, quality, the names of its files, and the version of the renderer. Where
+it computes (device, threads), where OUT is and what time it is are no part of it. The job itself is
+the hash of its recipe and its inputs.
+
+A file is taken for unchanged if its size and its time of modification are those recorded, and as
+well if only its time differs and its bytes hash to what was recorded: a copied data set is not
+rendered again.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import time
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from hashlib import blake2b
+from importlib.util import find_spec
+from pathlib import Path
+from stat import S_ISREG
+from typing import Any
+
+from defocus_cli.jobs.job import Job
+from defocus_cli.journal.plain_values import plain
+from defocus_cli.system.console import version
+
+DIGEST = 16  # bytes of a hash
+CLOCK_TICK = 50_000_000  # ns, more than file systems count in
+Stamp = Mapping[str, Any]
+_plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
+
+
+def settings(job: Job) -> dict[str, Any]:
+    """What a job asks for, as plain values, without its inputs, OUT and the machine."""
+    outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
+    lens = {k: v for k, v in _plain(job.lens).items() if k != "focus_source"}
+    return {
+        "stem": job.picture.stem,
+        "suffix": job.suffix,
+        "lens": lens,
+        "reading": _plain(job.reading),
+        "outputs": outputs,
+        "quality": job.machine.quality,
+        **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
+        **({} if job.machine.tile is None else {"tile": job.machine.tile}),
+    }
+
+
+def recipe(job: Job) -> str:
+    """The hash of all that decides the outputs of a job, but what its inputs hold."""
+    names = {role: path.name for role, path in job.picture.files.items()}
+    return digest({"settings": settings(job), "names": names, "version": core_version()})
+
+
+def name(recipe: str, inputs: Mapping[str, Stamp]) -> str:
+    """The name of a job: the hash of its recipe and the bytes of its inputs."""
+    return digest([recipe, {role: stamp.get("blake2b") for role, stamp in inputs.items()}])
+
+
+def digest(value: object) -> str:
+    """The hash of a plain value."""
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return blake2b(text.encode(), digest_size=DIGEST).hexdigest()
+
+
+@cache
+def core_version() -> str:
+    """The version of the package, and the hash of the renderer's sources.
+
+    A renderer that is being worked on keeps its version and changes its pictures.
+    """
+    found = find_spec("defocus_core")  # finds it without importing it
+    folders = (found.submodule_search_locations if found else None) or []
+    hashed = blake2b(digest_size=4)
+    for path in sorted(file for folder in folders for file in Path(folder).rglob("*.py")):
+        hashed.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return f"{version()}+{hashed.hexdigest()}"
+
+
+def stamp(path: Path) -> dict[str, Any]:
+    """Size, time of modification and hash of a file.
+
+    Raises:
+        OSError: it cannot be read, or is no regular file.
+    """
+    if not S_ISREG(path.stat().st_mode):  # to open a pipe is to wait for its writer
+        raise OSError(errno.EINVAL, "is not a regular file", str(path))
+    with path.open("rb") as file:
+        hashed = blake2b(digest_size=DIGEST)
+        while block := file.read(2**20):
+            hashed.update(block)
+        seen = os.fstat(file.fileno())
+    return {"size": seen.st_size, "mtime_ns": seen.st_mtime_ns, "blake2b": hashed.hexdigest()}
+
+
+def settled_stamp(path: Path) -> dict[str, Any]:
+    """What `stamp` says, less a time that is so recent that a later change could have the same.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    seen = stamp(path)
+    if abs(time.time_ns() - seen["mtime_ns"]) < CLOCK_TICK:
+        del seen["mtime_ns"]
+    return seen
+
+
+def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
+    """Whether a file is what was recorded of it.
+
+    Args:
+        path: the file.
+        recorded: what `stamp` said of it.
+        read: compare the bytes, even if nothing else speaks for a change.
+    """
+    try:
+        seen = path.stat()
+        if seen.st_size != recorded.get("size"):
+            return False
+        if seen.st_mtime_ns == recorded.get("mtime_ns") and not read:
+            return True
+        return "blake2b" in recorded and stamp(path)["blake2b"] == recorded["blake2b"]
+    except OSError:
+        return False

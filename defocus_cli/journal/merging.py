@@ -1,0 +1,52 @@
+"""Makes one journal of those of the shards of a batch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from defocus_cli.journal import journal, run_file
+from defocus_cli.journal.ledger import Ledger
+from defocus_cli.journal.lock import locked
+from defocus_cli.system import console
+from defocus_cli.system.safe_files import sync_folder, written_whole
+
+
+class Merged(NamedTuple):
+    """What was merged: live jobs, journals of shards, and the shards that have none, like 2/8."""
+
+    jobs: int
+    journals: int
+    missing: list[str]
+
+
+def merge(out: Path) -> Merged:
+    """Put the records of all shards into the journal of OUT, and remove theirs.
+
+    Raises:
+        InputError: there is no journal, one is broken, or somebody is writing one.
+    """
+    journal.require_journal(out)
+    with locked(out, say=console.say):
+        shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]
+        left = {shard: run_file.left(out, shard) for shard in shards}
+        records = journal.read_all(out)
+        if shards:
+            with written_whole(journal.journal_path(out)) as file:
+                file.write(journal.merged(records))
+            sync_folder(out)  # before what it is made of is gone
+        for shard in shards:
+            journal.journal_path(out, shard).unlink()
+            plan = run_file.plan_of(out, shard)
+            if plan is None:
+                continue
+            console.say(f"{out}: warning: shard {shard.number}/{shard.of} did not get to its end")
+            run_file.count_down(out, shard, left[shard])
+        run_file.sweep_up(out)
+    return Merged(len(Ledger(out, records).live), len(shards), _missing(shards))
+
+
+def _missing(shards: list[journal.Shard]) -> list[str]:
+    division = max((shard.of for shard in shards), default=0)
+    there = {shard.number for shard in shards if shard.of == division}
+    return [f"{number}/{division}" for number in range(1, division + 1) if number not in there]

@@ -1,0 +1,114 @@
+"""How far the batch in OUT has come, as its journals say."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from defocus_cli.journal.journal import Record, Shard, in_order, journal_path, read, shards
+from defocus_cli.journal.ledger import Ledger
+from defocus_cli.journal.lock import holder
+from defocus_cli.journal.run_file import plan_of, run_path
+from defocus_cli.system.errors import InputError
+
+
+@dataclass
+class Progress:
+    """What is done and what is left.
+
+    Attributes:
+        statuses: number of jobs by status.
+        reasons: number of jobs that made nothing, by reason.
+        left: jobs that runs set out to do and did not do yet.
+        again: how many of these count among ``statuses``, too: inputs or settings changed, or
+            they failed.
+        running: who is at it.
+        rate: jobs a second, of the runs that are at it or were stopped; None if there are none.
+        seconds: of rendering, the mean of those done.
+        shards: numbers of the parts that have begun, and of how many; None if not in parts.
+        failures: the records that failed or were rejected, oldest first.
+    """
+
+    statuses: Counter[str]
+    reasons: Counter[str]
+    left: int = 0
+    again: int = 0
+    running: list[str] = field(default_factory=list)
+    rate: float | None = None
+    seconds: float | None = None
+    shards: tuple[list[int], int] | None = None
+    failures: list[Record] = field(default_factory=list)
+
+    @property
+    def jobs(self) -> int:
+        """The number of jobs."""
+        return sum(self.statuses.values()) + self.left - self.again
+
+    @property
+    def eta_seconds(self) -> float | None:
+        """How long the rest will take those who are at it; None if nobody knows."""
+        if not (self.running and self.rate):
+            return None
+        return self.left / self.rate
+
+
+def progress(out: Path) -> Progress:
+    """Read the journals of OUT; nobody has to wait for it.
+
+    Raises:
+        InputError: there is no journal, or it is broken.
+    """
+    parts = shards(out)
+    runs = (None, *parts)
+    if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):
+        raise InputError(out, "has no journal", "name the directory that a batch writes to")
+    records = {run: read(journal_path(out, run)) for run in runs}
+    every = in_order(list(records.values()))
+    live = Ledger(out, every).live
+    found = Progress(
+        statuses=Counter(record["status"] for record in live),
+        reasons=Counter(record["reason"] for record in live if record["reason"]),
+        failures=[record for record in live if record["status"] != "ok"],
+    )
+    rendered = [record["seconds"]["render"] for record in live if record["status"] == "ok"]
+    if rendered:
+        found.seconds = sum(rendered) / len(rendered)
+    if parts:
+        division = max(part.of for part in parts)
+        found.shards = sorted(part.number for part in parts if part.of == division), division
+    for run in runs:
+        _add_run(found, out, run, records[run], every)
+    return found
+
+
+def _add_run(
+    found: Progress,
+    out: Path,
+    run: Shard | None,
+    records: Sequence[Record],
+    every: Sequence[Record],
+) -> None:
+    """What a run that did not get to its end did and has left."""
+    who, plan = holder(out, run), plan_of(out, run)
+    if who:
+        found.running.append(who)
+    if plan is None:
+        return
+    own = [record for record in records if record["finished"] >= plan["begun"]]
+    left = max(plan["left"] - len(own), 0)
+    found.left += left
+    if left and plan.get("again"):
+        before = {name for one in every if one["finished"] < plan["begun"] for name in _files(one)}
+        replaced = sum(not before.isdisjoint(_files(record)) for record in own)
+        found.again += min(max(plan["again"] - replaced, 0), left)
+    if own:
+        until = datetime.now(UTC) if who else datetime.fromisoformat(own[-1]["finished"])
+        since = (until - datetime.fromisoformat(plan["begun"])).total_seconds()
+        found.rate = (found.rate or 0.0) + len(own) / max(since, 1e-3)
+
+
+def _files(record: Record) -> list[str]:
+    return [stamp["path"] for stamp in record["outputs"].values()]

@@ -1,0 +1,67 @@
+"""Jobs made of what the journal has of them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.journal.journal import Record
+from defocus_cli.journal.ledger import Ledger
+from defocus_cli.journal.plain_values import typed
+from defocus_cli.system.errors import InputError
+
+
+def failed_jobs(ledger: Ledger, reasons: Collection[str]) -> list[Job]:
+    """The jobs that failed, or, if reasons are named, all that made nothing for one of them.
+
+    Raises:
+        InputError: a record is of a version that knew other settings.
+    """
+    return [
+        revived(record, ledger.out)
+        for record in ledger.live
+        if (record["reason"] in reasons if reasons else record["status"] == "failed")
+    ]
+
+
+def revived(record: Record, out: Path) -> Job:
+    """The job of a record.
+
+    Raises:
+        InputError: it is of a version that knew other settings.
+    """
+    asked, inputs = record["settings"], record["inputs"]
+    try:
+        return Job(
+            _picture(asked["stem"], inputs, out),
+            typed(Lens, asked["lens"]),
+            typed(Reading, asked["reading"]),
+            typed(Outputs, {"root": str(out), **asked["outputs"]}),
+            Machine(
+                quality=asked["quality"],
+                tolerance=asked.get("tolerance"),
+                tile=asked.get("tile"),
+            ),
+            asked["suffix"],
+        )
+    except (KeyError, ValueError) as error:
+        problem = f"has a record of {record['sample_id']} that cannot be read: {error}"
+        raise InputError(out, problem, "run 'defocus batch' again") from None
+
+
+def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
+    """The picture whose files have roles with a prefix."""
+    color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
+    has_hidden = not prefix and "hidden_color" in inputs
+    hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
+    return Picture(stem, color, depth, hidden)
+
+
+def _place(told: str, out: Path) -> Path:
+    """A path of the journal, from here."""
+    if Path(told).is_absolute():
+        return Path(told)
+    return Path(os.path.relpath(out.resolve() / told))

@@ -1,0 +1,1 @@
+"""One job: read, focus, fit into memory, render, write."""

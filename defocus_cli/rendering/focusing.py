@@ -1,0 +1,227 @@
+"""What a lens is once the depth is known: where its focus lies, and how large its blur gets.
+
+A lens that was drawn at random and does not suit the picture is drawn again, `ATTEMPTS` times in
+all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.jobs.job import Lens, Machine
+from defocus_cli.jobs.lens_file import lens_of, refuse_near_focus
+from defocus_cli.jobs.quantities import Percentile, length_text
+from defocus_cli.system.arrays import Keeping, bands
+from defocus_cli.system.errors import (
+    InputError,
+    Rejected,
+    UsageProblem,
+    reason,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_cli.formats.depth import Depth
+    from defocus_core import DefocusLens
+
+MM_PER_M = 1000.0
+_MOST_PX = 1e6  # wider than any frame
+_FARTHEST_PX = 1e8  # what the renderer takes
+
+
+def focused(lens: Lens, depth: Depth) -> Lens:
+    """The lens with its focus distance known, and drawn anew where it did not suit the picture.
+
+    Raises:
+        UsageProblem: the focus lies outside the picture, or too near.
+        Rejected: the blur would be larger than ``max_coc``, or the depth holds nothing to focus on.
+    """
+    from defocus_core import ATTEMPTS
+
+    for attempt in range(ATTEMPTS):
+        try:
+            return _suited(_found(_drawn(lens, attempt), depth), depth)
+        except Rejected as error:
+            if lens.draw is None:
+                raise
+            rejected = error
+    problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
+    raise Rejected(rejected.subject, problem, rejected.remedy, rejected.code)
+
+
+def signed_radius(
+    lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height).
+
+    Raises:
+        UsageProblem: there is no such lens, or its blur is beyond all numbers.
+    """
+    import numpy as np
+    import torch
+
+    depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
+    radius: NDArray[np.float32] = _thin(lens, size).signed_radius(depth_mm).float().numpy()
+    if not np.isfinite(radius).all():
+        problem = f"f/{lens.fnum:g} blurs beyond all numbers in this picture"
+        raise UsageProblem("--fnumber", problem, "check the lens options and the depth's unit")
+    return radius
+
+
+def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
+    """Signed CoC radius in px of what is infinitely far, in pictures of ``size`` (width, height).
+
+    Raises:
+        UsageProblem: there is no such lens.
+    """
+    return _thin(lens, size).radius_at_infinity()
+
+
+def mended(lens: Lens, depth: Depth) -> str:
+    """What would be done to a whole depth before it is rendered, in words; empty if nothing."""
+    import torch
+
+    from defocus_cli.rendering.outcome import mended_words
+    from defocus_cli.system.arrays import IN_MEMORY
+    from defocus_core import depth_mending
+
+    height, width = depth.metres.shape
+    radius = torch.from_numpy(radius_map(lens, depth, IN_MEMORY)[0])
+    infinity = radius_at_infinity(lens, (width, height))
+    return mended_words(depth_mending(radius, infinity, torch.get_num_threads()))
+
+
+def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
+    """The signed CoC radius in px of a whole frame [H, W], float32, and its least and greatest.
+
+    Raises:
+        InputError: a depth is so near, or the focus, that no frame would hold the blur.
+    """
+    metres = depth.metres
+    height, width = metres.shape
+    whole = keeping.new((height, width), "float32")
+    ends = []
+    for rows in bands(metres.shape):
+        radius = signed_radius(lens, metres[rows], (width, height))
+        whole[rows] = radius
+        ends += [float(radius.min()), float(radius.max())]
+        if not -ends[-2] <= _MOST_PX:
+            nearest = float(metres[rows].min())
+            problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[-2]:.2g} px"
+            raise InputError(depth.path, problem, "check --depth-unit and --focus")
+        if not ends[-1] <= _FARTHEST_PX:
+            problem = f"is blurred by {ends[-1]:.2g} px: focus is hardly beyond the focal length"
+            raise InputError(depth.path, problem, "give --focus in the scene")
+    return whole, (min(ends), max(ends))
+
+
+def _thin(lens: Lens, size: tuple[int, int]) -> DefocusLens:
+    """The lens before a sensor of ``size`` (width, height) px."""
+    import torch
+
+    from defocus_core import DefocusLens
+
+    width, height = size
+    sensor = (lens.sensor_width, lens.sensor_width * height / width)
+    try:
+        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
+        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+    except ValueError as error:
+        option = f"{lens.focus_source}focus"
+        raise UsageProblem(option, reason(error), "check the lens options") from error
+    return thin
+
+
+def _drawn(lens: Lens, attempt: int) -> Lens:
+    if lens.draw is None or attempt == 0:
+        return lens
+    draw = dataclasses.replace(lens.draw, attempt=attempt)
+    other = lens_of(draw.values(), lens.focus_source)
+    return dataclasses.replace(other, max_coc=lens.max_coc, draw=draw)
+
+
+def _found(lens: Lens, depth: Depth) -> Lens:
+    """The lens with the focus distance that the depth decides."""
+    if lens.focus_at is not None:
+        return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
+    if lens.focus_percentile is not None:
+        return dataclasses.replace(lens, foc_dist=_at_percentile(lens, depth))
+    return lens
+
+
+def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
+    (x, y), (height, width) = pixel, depth.metres.shape
+    option = f"{lens.focus_source}focus-at"
+    if not (0 <= x < width and 0 <= y < height):
+        raise UsageProblem(
+            option,
+            f"{x},{y} lies outside {depth.path} of {width}x{height} px",
+            f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
+        )
+    foc_dist = float(depth.metres[y : y + 1, x : x + 1][0, 0]) * MM_PER_M
+    refuse_near_focus(foc_dist, lens.foclen, f"{option}: {depth.path} at {x},{y}")
+    return foc_dist
+
+
+def _at_percentile(lens: Lens, depth: Depth) -> float:
+    import torch
+
+    from defocus_core import depth_percentile
+
+    assert lens.focus_percentile is not None
+    found = depth_percentile(
+        lambda: (torch.from_numpy(depth.metres[rows]) for rows in bands(depth.metres.shape)),
+        lens.focus_percentile,
+        torch.float32,
+    )
+    if found is None:
+        remedy = "give the focus as a distance"
+        raise Rejected(depth.path, "is all sky, with nothing to focus on", remedy, "no-valid-depth")
+    foc_dist = found * MM_PER_M
+    if foc_dist <= lens.foclen:
+        where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
+        problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"
+        raise Rejected(depth.path, problem, "focus farther away", "focus-too-near")
+    return foc_dist
+
+
+def _suited(lens: Lens, depth: Depth) -> Lens:
+    """The lens, unless its blur is larger than it may be in this picture."""
+    import numpy as np
+
+    if lens.max_coc is None:
+        return lens
+    height, width = depth.metres.shape
+    of_bands = (depth.metres[rows] for rows in bands(depth.metres.shape))
+    ends = np.array([(metres.min(), metres.max()) for metres in of_bands])
+    extremes = np.array([ends.min(), ends.max()])
+    radius = float(np.abs(signed_radius(lens, extremes, (width, height))).max())
+    if radius > lens.max_coc:
+        problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
+        raise Rejected(depth.path, problem, "allow a larger max-coc", "coc-too-large")
+    return lens
+
+
+def quality_of(machine: Machine, coc_px: tuple[float, float]) -> str:
+    """The quality of a picture whose signed radii in px have the given ends.
+
+    Raises:
+        UsageProblem: no quality is within the tolerance.
+    """
+    if machine.tolerance is None:
+        return machine.quality
+    from defocus_core import UnreachableTolerance, cheapest_within
+
+    try:
+        return cheapest_within(machine.tolerance, *coc_px)
+    except UnreachableTolerance as error:
+        problem = (
+            f"must be at least {error.finest:g} px where radii go from {error.least:.1f} to "
+            f"{error.most:.1f} px, got {error.tolerance:g}"
+        )
+        remedy = f"give more: that is what {error.quality} has"
+        raise UsageProblem("--tolerance", problem, remedy) from None

@@ -1,0 +1,200 @@
+"""The steps of a job: read, compute, write. What is written has been computed to its end."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.formats.kinds import RENDERED_KINDS
+from defocus_cli.jobs.job import Job, Picture, Reading
+from defocus_cli.rendering.focusing import focused, quality_of, radius_map
+from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
+from defocus_cli.rendering.outcome import Loaded, Made, Outcome
+from defocus_cli.rendering.render_picture import rendered
+from defocus_cli.system import memory
+from defocus_cli.system.arrays import IN_MEMORY, Keeping
+from defocus_cli.system.errors import InputError, TooLarge, UsageProblem
+from defocus_cli.system.interrupts import put_off
+from defocus_cli.system.process import imports
+
+if TYPE_CHECKING:
+    from defocus_cli.formats.color import Color
+    from defocus_cli.formats.depth import Depth
+
+
+def load_inputs(job: Job) -> Loaded:
+    """Decode the picture of a job, and what lies behind it if that is wanted and there.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: the options make no sense for it.
+    """
+    picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
+    if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
+        problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
+        raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
+    color, depth = read(picture, job.reading, held.keeping)
+    if picture.hidden is None or not needs_hidden(job):
+        return Loaded(held, color, depth)
+    behind, behind_depth = read(picture.hidden, job.reading, held.keeping)
+    if behind.shape != color.shape:
+        told, wanted = (
+            f"{width}x{height} px of {channels} channels"
+            for height, width, channels in (behind.shape, color.shape)
+        )
+        problem = f"is {told} but the picture is {wanted}"
+        raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
+    return Loaded(held, color, depth, (behind, behind_depth))
+
+
+def needs_hidden(job: Job) -> bool:
+    """Whether a job renders, and so looks at what lies behind."""
+    return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
+
+
+def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None) -> Made:
+    """All that a job asks for, computed from its picture.
+
+    Args:
+        job: what to do.
+        loaded: its picture.
+        progress: called with (tiles done, tiles in all) while it renders.
+
+    Raises:
+        InputError: the picture cannot be taken with this lens, or does not fit into memory.
+        UsageProblem: the options make no sense for this picture or machine.
+    """
+    outcome, radius = looked_at(job, loaded)
+    if not needs_hidden(job):
+        return Made(outcome, loaded.color, radius, {}, {})
+    return rendered(loaded, radius, outcome, progress)
+
+
+def looked_at(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
+    """What is known of a job before it is rendered, and its signed radii [H, W] in px.
+
+    Raises:
+        InputError: the picture cannot be taken with this lens.
+        UsageProblem: the options make no sense for this picture or machine.
+    """
+    height, width = loaded.depth.metres.shape
+    lens = focused(job.lens, loaded.depth)
+    radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
+    outcome = Outcome(
+        job=job,
+        lens=lens,
+        size=(width, height),
+        coc_px=ends,
+        color_note=loaded.color.note,
+        depth_note=loaded.depth.note,
+        device=choose_device(job.machine.device),
+        quality=quality_of(job.machine, ends),
+        warnings=_unheeded(loaded),
+    )
+    return outcome, radius
+
+
+def _unheeded(loaded: Loaded) -> tuple[str, ...]:
+    """What in the files of a picture was not heeded."""
+    behind = () if loaded.behind is None else loaded.behind[0].warnings
+    return *loaded.color.warnings, *(f"hidden: {warning}" for warning in behind)
+
+
+def write(made: Made) -> Outcome:
+    """Write what a job computed: all its files or none.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    from defocus_cli.rendering.delivery import deliver
+
+    warnings = deliver(made.color, made.radius, made.images, made.clamped, made.outcome)
+    return dataclasses.replace(made.outcome, warnings=(*made.outcome.warnings, *warnings))
+
+
+def load() -> None:
+    """Import what takes seconds to import."""
+    memory.share_heap()
+    memory.keep_freed(True)  # what is read leaves room for what is rendered
+    with put_off(), imports():
+        import torch  # noqa: F401
+
+        import defocus_core  # noqa: F401
+    base_mb()
+
+
+def choose_device(name: str) -> str:
+    """``cpu`` or ``cuda``.
+
+    Raises:
+        UsageProblem: ``cuda`` was asked for and there is none.
+    """
+    import torch
+
+    found = name != "cpu" and torch.cuda.is_available()
+    if name == "cuda" and not found:
+        raise UsageProblem("--device", "PyTorch finds no CUDA GPU here", "use --device cpu or auto")
+    return "cuda" if found else "cpu"
+
+
+def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
+    """Which part ``--part`` means in the colour and the depth file; None where there is but one.
+
+    Raises:
+        InputError: neither file has such a part.
+    """
+    if reading.part is None:
+        return None, None
+    from defocus_cli.formats.describe import describe
+    from defocus_cli.formats.exr_channels import require_part
+
+    paths = (picture.color, picture.depth)
+    color, depth = (len(describe(path).parts) for path in paths)
+    if picture.color == picture.depth or max(color, depth) == 1:
+        require_part(picture.color, reading.part, color)
+    return reading.part if color > 1 else None, reading.part if depth > 1 else None
+
+
+def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tuple[Color, Depth]:
+    """Colour and depth of one size, all of whose pixels can be rendered.
+
+    Args:
+        picture: where they are.
+        reading: what to take from the files.
+        keeping: where they are to be kept.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
+    from defocus_cli.formats.color import read_color, require_finite
+    from defocus_cli.formats.depth import read_depth, require_valid
+
+    shared = picture.color == picture.depth
+    color_part, depth_part = parts_of(picture, reading)
+    color = read_color(
+        picture.color,
+        layer=reading.color_layer,
+        part=color_part,
+        keeping=keeping,
+    )
+    depth = read_depth(
+        picture.depth,
+        channel=reading.depth_channel,
+        part=depth_part,
+        unit=reading.depth_unit,
+        keeping=keeping,
+    )
+    if shared and len(color.channels) == 1 and not color.extras:
+        problem = f"has {depth.channel} alone, which is not both colour and depth"
+        raise InputError(picture.color, problem, "give the depth file as a second argument")
+    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
+    if (height, width) != (rows, columns):
+        raise InputError(
+            picture.depth,
+            f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
+            "give depth of the size of the colour",
+        )
+    require_valid(depth)
+    require_finite(color)
+    return color, depth

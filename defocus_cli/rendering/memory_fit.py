@@ -1,0 +1,96 @@
+"""Whether rendering fits into memory: how many regions at once, or what to do about it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from defocus_cli.jobs.job import Job
+from defocus_cli.rendering.memory_budget import base_mb, enough_mb
+from defocus_cli.system import memory
+from defocus_cli.system.errors import TooLarge
+
+if TYPE_CHECKING:
+    from defocus_cli.rendering.memory_budget import Holding
+    from defocus_core import Stream
+
+# Share of the room that the cells of a draft may take.
+_FOR_CELLS = 0.25
+
+
+def room_on(device: str, room_mb: float) -> float:
+    """Memory left to compute in, on the machine as it is now."""
+    available = memory.available_mb(device)
+    if device != "cpu":
+        return math.inf if available is None else available
+    return max(room_mb if available is None else min(room_mb, available), 0.0)
+
+
+def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
+    """Whether the cells of a draft of a picture [C, H, W] are held, not made again where needed."""
+    from defocus_core import cells_bytes
+
+    return cells_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
+
+
+def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> int:
+    """How many regions of a picture may be computed at once.
+
+    Raises:
+        TooLarge: not even one fits; the remedy is the option with which it would.
+    """
+    from defocus_core import memory_bound
+
+    threads, room = job.machine.threads, room_on(device, holding.room_mb)
+
+    def needed(threads: int, at_once: int) -> float:
+        return memory_bound(stream, threads, at_once) / memory.MB
+
+    for at_once in range(threads, 0, -1):
+        if needed(threads, at_once) <= room:
+            return at_once
+    least = needed(threads, 1)
+    raise TooLarge(
+        job.picture.color,
+        f"needs {_sum(base_mb(), holding.files_mb, least)} to render, "
+        f"but {base_mb() + holding.files_mb + room:.0f} MB are allowed",
+        _remedy(job, least, threads > 1 and needed(1, 1) <= room, device),
+    )
+
+
+def peak_mb(job: Job, stream: Stream, holding: Holding, device: str) -> float:
+    """The most that rendering holds with its program and its files, on a GPU by itself.
+
+    Raises:
+        TooLarge: it does not fit.
+    """
+    from defocus_core import memory_bound
+
+    at_once = regions_at_once(job, stream, holding, device)
+    bound = memory_bound(stream, job.machine.threads, at_once) / memory.MB
+    return bound + (base_mb() + holding.files_mb if device == "cpu" else 0.0)
+
+
+def _sum(base: float, files: float, rendering: float) -> str:
+    """Three sizes and their sum, in words."""
+    parts = [math.ceil(mb) for mb in (base, files, rendering)]
+    program, of_files, computed = parts
+    return f"{sum(parts)} MB ({program} of the program, {of_files} of its files, {computed})"
+
+
+def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> str:
+    if with_one_thread:
+        return "use --threads 1"
+    machine = memory.available_mb(device)
+    enough = enough_mb(job, needed_mb)
+    if device == "cpu" and (machine is None or enough < machine + base_mb()):
+        return f"use --memory {_size(enough)}"
+    if job.machine.quality != "draft":
+        return "use --quality draft, a smaller picture, or a machine with more"
+    return "use a smaller picture or a machine with more"
+
+
+def _size(mb: float) -> str:
+    """A size that is no less, as people write it on the command line."""
+    tens = math.ceil(mb * memory.MB / 10**7)
+    return f"{10 * tens}MB" if tens < 1000 else f"{math.ceil(tens / 10) / 10:.1f}GB"

@@ -1,0 +1,69 @@
+"""PNG previews, 8 bit, for looking at: never for measuring."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.formats.encode import display_encoded, write_samples
+from defocus_cli.formats.srgb_curve import quantised
+from defocus_cli.system.arrays import bands
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+# sRGB; orange against blue stays apart for all common kinds of colour vision.
+NEAR = (0.85, 0.37, 0.01)
+IN_FOCUS = (1.0, 1.0, 1.0)
+FAR = (0.10, 0.35, 0.70)
+
+
+def write_preview(path: Path, pixels: Any) -> None:
+    """Write linear, premultiplied pixels [H, W, C], C = 1…4 as Y, YA, RGB, RGBA, over black.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    channels = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[pixels.shape[2]]
+    encoded = (
+        display_encoded(pixels[rows], channels, 8, keep_alpha=False)[0]
+        for rows in bands(pixels.shape)
+    )
+    write_samples(path, pixels.shape[:2], encoded, "png", {})
+
+
+def write_coc_preview(path: Path, radius: Any) -> None:
+    """Write signed CoC radii [H, W] in a diverging map: orange near, white in focus, blue far.
+
+    The map is symmetric about 0; full colour is the largest finite |radius|.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    most = max(largest(radius[rows]) for rows in bands(radius.shape))
+    encoded = (quantised(diverging(radius[rows], most), 8) for rows in bands(radius.shape))
+    write_samples(path, radius.shape, encoded, "png", {})
+
+
+def largest(radius: NDArray[np.float32]) -> float:
+    """The largest finite |radius|."""
+    import numpy as np
+
+    size = np.abs(radius)
+    return float(np.max(size, where=np.isfinite(size), initial=0.0))
+
+
+def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
+    """Colours 0…1 in sRGB, [H, W, 3], of signed radii [H, W], full from a |radius| on.
+
+    NaN is black.
+    """
+    import numpy as np
+
+    amount: NDArray[np.float32] = np.minimum(np.abs(radius) / np.float32(full or 1.0), 1.0)
+    amount = amount[:, :, None]
+    white, near, far = (np.array(c, np.float32) for c in (IN_FOCUS, NEAR, FAR))
+    hue: NDArray[np.float32] = np.where((radius < 0)[:, :, None], near, far)
+    return white + amount * (hue - white)

@@ -1,0 +1,180 @@
+"""Renders a picture: from its arrays, wherever they are, to arrays of what was asked for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.formats.kinds import IMAGE_KINDS
+from defocus_cli.jobs.job import Job
+from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
+from defocus_cli.rendering.memory_budget import image_type
+from defocus_cli.rendering.outcome import Loaded, Made, Outcome, mended_words
+from defocus_cli.system import memory
+from defocus_cli.system.arrays import Windows, bands
+from defocus_cli.system.errors import TooLarge
+from defocus_cli.system.process import set_to_render
+
+if TYPE_CHECKING:
+    from defocus_core import Behind, Stream, Views
+
+Progress = Callable[[int, int], None]
+# Px on a side of the least tiles that are tried where memory of a GPU runs out.
+_LEAST_TILE = 32
+
+
+def rendered(
+    loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None = None
+) -> Made:
+    """All images that a job asks for.
+
+    Args:
+        loaded: its picture.
+        radius: signed CoC radius in px, [H, W].
+        outcome: the job, and what is known of it so far.
+        progress: called with (tiles done, tiles in all).
+
+    Raises:
+        TooLarge: it does not fit into memory.
+    """
+    import torch
+
+    from defocus_cli.rendering.memory_fit import regions_at_once
+    from defocus_core import TILE
+
+    job, device = outcome.job, outcome.device
+    set_to_render()
+    images = _Images(job, loaded)
+    warnings: list[str] = []
+    wall, cpu = time.perf_counter(), time.process_time()
+    tile, at_once = job.machine.tile, None
+    while True:
+        images.clamped.clear()
+        try:
+            stream = stream_of(loaded, radius, outcome, tile)
+            if at_once is None:
+                at_once = regions_at_once(job, stream, loaded.holding, device)
+                if at_once < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
+            for part in stream.regions(at_once, progress):
+                images.take(part)
+            break
+        except torch.OutOfMemoryError:
+            if at_once != 1:
+                at_once = 1
+                continue
+            tile = (tile or TILE) // 2
+            if tile < _LEAST_TILE:
+                problem = "does not fit into the memory of the GPU"
+                raise TooLarge(job.picture.color, problem, "use --device cpu") from None
+            warnings = [
+                f"the GPU ran out of memory: rendered in tiles of {tile} px instead, which may "
+                "change the last digits"
+            ]
+            torch.cuda.empty_cache()
+    if device == "cuda":
+        torch.cuda.synchronize()
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
+    done = replace(
+        outcome,
+        depth_mended=mended_words(stream.mending),
+        render_seconds=wall,
+        render_cpu_seconds=cpu,
+        stats={**stream.stats, **scratch},
+        warnings=(*outcome.warnings, *warnings),
+    )
+    return Made(done, loaded.color, radius, images.planes, images.clamped)
+
+
+def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = None) -> Stream:
+    """The picture of a job, to be rendered region by region.
+
+    Args:
+        loaded: the picture.
+        radius: signed CoC radius in px, [H, W].
+        outcome: the job, and what is known of it so far.
+        tile: side of tiles in px.
+    """
+    from defocus_cli.rendering.memory_fit import holds_cells, room_on
+    from defocus_core import Aperture, Stream
+
+    job, lens, device = outcome.job, outcome.lens, outcome.device
+    image = Windows(loaded.color.planes, device)
+    return Stream(
+        image,
+        Windows([radius], device, lone=True),
+        aperture=Aperture(lens.blades, lens.blade_rotation),
+        quality=outcome.quality,
+        left_right=bool({"left", "right"} & set(job.outputs.kinds)),
+        hidden=None if loaded.behind is None else _behind(loaded, outcome),
+        threads=job.machine.threads,
+        tile=tile or job.machine.tile,
+        infinity=radius_at_infinity(lens, outcome.size),
+        hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
+    )
+
+
+class _Images:
+    """The images of a job while they are being made.
+
+    Attributes:
+        planes: kind to C arrays [H, W], trust to one.
+        clamped: how many pixels of a kind were clamped to be half.
+    """
+
+    def __init__(self, job: Job, loaded: Loaded) -> None:
+        height, width, channels = loaded.color.shape
+        self.planes: dict[str, tuple[Any, ...]] = {}
+        self.clamped: dict[str, int] = {}
+        for kind in (*IMAGE_KINDS, "trust"):
+            if kind not in job.outputs.kinds:
+                continue
+            count, dtype = (1, "float32") if kind == "trust" else (channels, image_type(job))
+            self.planes[kind] = tuple(
+                loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
+            )
+
+    def take(self, part: Views) -> None:
+        """Put a region where it belongs."""
+        import numpy as np
+
+        from defocus_cli.formats.exr import clamped_half
+        from defocus_cli.system.arrays import fetched
+
+        top, left, height, width = part.box
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        for kind, planes in self.planes.items():
+            pixels = fetched(getattr(part, kind)).reshape(len(planes), height, width)
+            if planes[0].dtype == np.float16:
+                pixels, beyond = clamped_half(pixels)
+                if beyond.any():
+                    count = int(np.count_nonzero(beyond.any(axis=0)))
+                    self.clamped[kind] = self.clamped.get(kind, 0) + count
+            for plane, values in zip(planes, pixels, strict=True):
+                plane[rows, columns] = values
+
+
+def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
+    """What is known to lie behind: where depth is inf and colour 0, nothing is."""
+    import numpy as np
+
+    from defocus_core import Behind
+
+    assert loaded.behind is not None
+    color, depth = loaded.behind
+    keeping = loaded.holding.keeping
+    radius, _ = radius_map(outcome.lens, depth, keeping)
+    known = keeping.new(depth.metres.shape, np.bool_)
+    for rows in bands(depth.metres.shape):
+        lit = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
+        known[rows] = np.isfinite(depth.metres[rows]) | lit
+    device = outcome.device
+    return Behind(
+        Windows(color.planes, device),
+        Windows([radius], device, lone=True),
+        Windows([known], device, lone=True),
+    )

@@ -1,0 +1,209 @@
+"""What is told of a batch while it runs and when it has ended: a bar on a terminal, and words."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from defocus_cli.batch.job_result import Result
+from defocus_cli.batch.plan import Plan
+from defocus_cli.batch.run import Summary
+from defocus_cli.jobs.job import Job
+from defocus_cli.journal.journal import Record
+from defocus_cli.journal.progress import Progress
+from defocus_cli.reports import job_report
+from defocus_cli.system import console
+from defocus_cli.system.console import counted, duration
+from defocus_cli.system.errors import Interrupted, SomeFailed
+from defocus_cli.system.safe_files import spoken
+
+_WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
+
+
+class Told:
+    """Hears how a batch goes and tells people.
+
+    Args:
+        each: say a line for each job that is done; else only for those that are not.
+        keep: remember what to say of each job in JSON.
+        verbose: say more.
+        stats: say what was computed and what was skipped.
+    """
+
+    def __init__(
+        self, *, each: bool, keep: bool = False, verbose: bool = False, stats: bool = False
+    ) -> None:
+        self.records: dict[str, dict[str, Any]] = {}
+        self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
+        self._bar: Any = None
+        self._afterwards: list[str] = []
+
+    def planned(self, plan: Plan) -> None:
+        """Say what was done before."""
+        for job, record in plan.settled:
+            if self._keep:
+                self.records[job.sample_id] = job_report.outcome_record(job, record, {})
+            if self._each:
+                console.say(job_report.done_before_line(job))
+        if not self._each and plan.settled:
+            console.say(f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do")
+        if plan.changed:
+            line = f"done again, as inputs, settings or outputs changed: {plan.changed}"
+            if len(plan.todo) > 1 or not self._each:
+                console.say(line)
+            else:  # if it fails, nothing is done again, and its error is the one line to say
+                self._afterwards.append(line)
+        if self._bar is not None and plan.todo:
+            with spoken():
+                self._bar.reset(len(plan.todo))
+
+    def ended(self, job: Job, record: Record, result: Result) -> None:
+        """Say what became of a job."""
+        if self._keep:
+            self.records[job.sample_id] = job_report.outcome_record(job, record, result)
+        lines = list(
+            job_report.outcome_lines(job, record, result, verbose=self._verbose, stats=self._stats)
+        )
+        if record["status"] == "ok":
+            lines += self._afterwards
+        for line in lines if self._each or record["status"] != "ok" else ():
+            console.say(line)
+        if self._bar is not None:
+            with spoken():
+                self._bar.update()
+
+    @contextmanager
+    def bar(self, unit: str) -> Iterator[None]:
+        """Count jobs on a bar while the block runs, if stderr is a terminal."""
+        if not watched():
+            yield
+            return
+        from tqdm import tqdm
+
+        with tqdm(unit=unit, file=sys.stderr, leave=False) as self._bar:
+            yield
+        self._bar = None
+
+
+def watched() -> bool:
+    """Whether somebody looks at stderr; it is None if closed by whoever started us."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+@contextmanager
+def tile_bar() -> Iterator[Any]:
+    """What to tell (tiles done, tiles in all) of a lone picture; None if nobody watches."""
+    if not watched():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(unit="tile", file=sys.stderr, leave=False) as bar:
+
+        def count(done: int, total: int) -> None:
+            if bar.total is None:
+                bar.reset(total)
+            bar.update(done - bar.n)
+
+        yield count
+
+
+def summary_line(summary: Summary) -> str:
+    """What came of a batch, in words."""
+    counts = Counter(summary.statuses)
+    parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
+    if summary.skipped:
+        parts.append(f"{summary.skipped} done before")
+    if summary.left:
+        parts.append(f"{summary.left} left")
+    told = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
+    if summary.reasons:
+        told += f" ({reasons_words(summary.reasons)})"
+    if summary.warned:
+        told += f", {summary.warned} with warnings in the journal"
+    done = sum(counts.values())
+    if done and summary.seconds:
+        told += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
+    return told
+
+
+def reasons_words(reasons: Mapping[str, int]) -> str:
+    """How often which reason, in words."""
+    return ", ".join(f"{reason} {count}" for reason, count in sorted(reasons.items()))
+
+
+def summary_record(summary: Summary) -> dict[str, Any]:
+    """What came of a batch, in plain values."""
+    return {
+        "jobs": summary.jobs,
+        "done_before": summary.skipped,
+        "left": summary.left,
+        **{status: summary.statuses[status] for status in _WORDS},
+        "reasons": dict(summary.reasons),
+        "warned": summary.warned,
+        "seconds": summary.seconds,
+        "interrupted": summary.interrupted,
+    }
+
+
+def progress_lines(out: Path, found: Progress, failures: int) -> Iterator[str]:
+    """How far a batch has come, in words."""
+    counts = [f"{found.statuses[s]} {word}" for s, word in _WORDS.items() if found.statuses[s]]
+    left = f", {found.left} left" if found.left else ""
+    again = f", {found.again} of them to be done again" if found.again else ""
+    yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {counted(found.jobs, 'job')}"
+    if found.shards is not None:
+        numbers, division = found.shards
+        yield f"  {len(numbers)} of {division} shards begun, not merged yet"
+    if found.seconds is not None:
+        rate = f", {found.rate:.3g} jobs a second" if found.rate else ""
+        yield f"  {found.seconds:.2f} s of rendering each{rate}"
+    for who in found.running:
+        yield f"  running: {who}"
+    if found.eta_seconds is not None:
+        yield f"  the rest takes about {duration(found.eta_seconds)}"
+    elif found.left:
+        yield "  not running; run the same command again to go on"
+    if found.reasons:
+        yield f"  {reasons_words(found.reasons)}"
+    for record in found.failures[max(0, len(found.failures) - failures) :] if failures else ():
+        yield f"    {record['sample_id']}: {record['reason']}: {record['message']}"
+
+
+def progress_record(found: Progress, failures: int) -> dict[str, Any]:
+    """The same in plain values."""
+    keys = ("sample_id", "status", "reason", "message")
+    shown = found.failures[max(0, len(found.failures) - failures) :] if failures else []
+    return {
+        "jobs": found.jobs,
+        "left": found.left,
+        "again": found.again,
+        **{status: found.statuses[status] for status in _WORDS},
+        "reasons": dict(found.reasons),
+        "running": found.running,
+        "jobs_per_second": found.rate,
+        "render_seconds": found.seconds,
+        "eta_seconds": found.eta_seconds,
+        "shards": found.shards and {"begun": found.shards[0], "of": found.shards[1]},
+        "failures": [{key: record[key] for key in keys} for record in shown],
+    }
+
+
+def end(summary: Summary) -> None:
+    """End a command as its batch ended.
+
+    Raises:
+        Interrupted: the user stopped it.
+        SomeFailed: not all could be done.
+    """
+    if summary.interrupted and summary.left:
+        problem = f"interrupted, {summary.left} of {summary.jobs} jobs left"
+        raise Interrupted(f"{problem}; run the same command again to go on")
+    failed = summary.statuses["failed"]
+    if failed:
+        problem = f"{failed} of {summary.jobs} jobs failed ({reasons_words(summary.reasons)})"
+        raise SomeFailed(f"{problem}; run the same command again to try them once more")

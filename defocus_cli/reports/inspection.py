@@ -1,0 +1,215 @@
+"""What is in a file, as ``defocus info`` tells it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from defocus_cli.formats.kinds import MAP_KINDS
+from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.system.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_cli.formats.depth import Depth
+    from defocus_cli.formats.describe import FileInfo
+
+
+@dataclass(frozen=True)
+class ColorFound:
+    """Colour that ``defocus render`` would take."""
+
+    note: str
+    channels: tuple[str, ...]
+    nonfinite: int  # pixels that are NaN or infinite
+
+
+@dataclass(frozen=True)
+class DepthFound:
+    """Depth that ``defocus render`` would take; ranges are None where no pixel has a depth."""
+
+    note: str
+    range_m: tuple[float, float] | None  # without sky
+    sky: int
+    invalid: int
+    lens: Lens | None  # with the focus distance that --focus-at found
+    coc_px: tuple[float, float] | None  # sky included; None without a lens
+    mended: str = ""  # what would be done to it before it is rendered with the lens
+
+
+@dataclass(frozen=True)
+class MapFound:
+    """A map that ``defocus render`` wrote."""
+
+    kind: str  # of `MAP_KINDS`
+    range: tuple[float, float] | None  # in px, shares for trust; None where no pixel is finite
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is in a file; where colour or depth is missing, the note says why."""
+
+    info: FileInfo
+    color: ColorFound | None
+    color_note: str
+    depth: DepthFound | None
+    depth_note: str
+    maps: tuple[MapFound, ...] = ()
+
+
+def have_parts(paths: Sequence[Path]) -> bool:
+    """Whether any of some files, as far as they can be read, has several parts."""
+    from defocus_cli.formats.describe import describe
+
+    for path in paths:
+        with suppress(InputError):
+            if len(describe(path).parts) > 1:
+                return True
+    return False
+
+
+def inspect(
+    path: Path, reading: Reading, lens: Lens | None, *, beside_parts: bool = False
+) -> Inspection:
+    """Read a file as ``defocus render`` would, and say what is in it.
+
+    Args:
+        path: the file.
+        reading: what to take from it.
+        lens: what to say the blur of; None for none.
+        beside_parts: the part that is asked for may be that of another file, if this has but one.
+
+    Raises:
+        InputError: the file cannot be read, or does not have what ``reading`` names.
+        UsageProblem: the options make no sense for this file.
+    """
+    from defocus_cli.formats.color import read_color
+    from defocus_cli.formats.depth import read_depth
+    from defocus_cli.formats.describe import describe
+    from defocus_cli.formats.exr_channels import require_part
+
+    info = describe(path)
+    if reading.part is not None and (len(info.parts) > 1 or not beside_parts):
+        require_part(path, reading.part, len(info.parts))
+    color_note = _why_no_color(info, reading)
+    depth_note = _why_no_depth(info, reading)
+    color = depth = None
+    if not color_note:
+        read = read_color(path, layer=reading.color_layer, part=reading.part)
+        color = ColorFound(read.note, read.channels, _nonfinite(read.pixels))
+    if not depth_note:
+        channel, unit = reading.depth_channel, reading.depth_unit
+        depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)
+    return Inspection(info, color, color_note, depth, depth_note, _maps(info))
+
+
+def _why_no_color(info: FileInfo, reading: Reading) -> str:
+    """Why a file has no colour to blur; empty if it has."""
+    from defocus_cli.formats.exr_channels import choose_color
+    from defocus_cli.formats.exr_header import is_exr, read_headers
+    from defocus_cli.formats.raster import choose_page
+    from defocus_cli.system.safe_files import read_head
+
+    if is_exr(read_head(info.path)):
+        try:
+            choose_color(
+                info.path, read_headers(info.path), layer=reading.color_layer, part=reading.part
+            )
+        except InputError as error:
+            if reading.color_layer is not None:
+                raise
+            return _clause(error)
+        return ""
+    try:
+        page = choose_page(info.path, info.parts, reading.part)
+    except InputError as error:
+        return _clause(error)
+    names = {name for name, _ in page.channels}
+    return "" if {"R", "G", "B"} <= names or "Y" in names else "has no colour channels"
+
+
+def _why_no_depth(info: FileInfo, reading: Reading) -> str:
+    """Why a file has no depth; empty if it has."""
+    from defocus_cli.formats.exr_channels import choose_depth
+    from defocus_cli.formats.exr_header import is_exr, read_headers
+    from defocus_cli.formats.raster import choose_page
+    from defocus_cli.system.safe_files import read_head
+
+    if is_exr(read_head(info.path)):
+        try:
+            choose_depth(
+                info.path, read_headers(info.path), channel=reading.depth_channel, part=reading.part
+            )
+        except InputError as error:
+            if reading.depth_channel is not None:
+                raise
+            return _clause(error)
+        return ""
+    try:
+        channels = choose_page(info.path, info.parts, reading.part).channels
+    except InputError as error:
+        return _clause(error)
+    if len(channels) != 1:
+        return f"has {len(channels)} channels, and depth is one"
+    return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
+
+
+def _maps(info: FileInfo) -> tuple[MapFound, ...]:
+    import numpy as np
+
+    from defocus_cli.formats.exr import read_parts
+
+    if not any(name in MAP_KINDS for part in info.parts for name, _ in part.channels):
+        return ()
+    found = []
+    for part in read_parts(info.path):
+        for kind in [name for name in MAP_KINDS if name in part.channels]:
+            finite = part.channels[kind][np.isfinite(part.channels[kind])]
+            reach = (float(finite.min()), float(finite.max())) if finite.size else None
+            found.append(MapFound(kind, reach))
+    return tuple(found)
+
+
+def _clause(error: InputError) -> str:
+    return f"{error.problem}; {error.remedy}" if error.remedy else error.problem
+
+
+def _nonfinite(pixels: NDArray[np.float32]) -> int:
+    import numpy as np
+
+    return int((~np.isfinite(pixels)).any(axis=2).sum())
+
+
+def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
+    import numpy as np
+
+    from defocus_cli.rendering import focusing
+
+    valid = depth.metres[~depth.invalid]
+    finite = valid[np.isfinite(valid)]
+    coc_px, mended = None, ""
+    if lens is not None and valid.size:
+        lens = focusing.focused(lens, depth)
+        height, width = depth.metres.shape
+        # The radius grows with depth all the way: the extreme depths have the extreme radii.
+        extremes = np.array([valid.min(), valid.max()])
+        near, far = focusing.signed_radius(lens, extremes, (width, height))
+        coc_px = (float(near), float(far))
+        if not depth.invalid.any():
+            with suppress(InputError):  # too near to be rendered, as the radius shows
+                mended = focusing.mended(lens, depth)
+    return DepthFound(
+        note=depth.note,
+        range_m=(float(finite.min()), float(finite.max())) if finite.size else None,
+        sky=int(np.isinf(valid).sum()),
+        invalid=int(depth.invalid.sum()),
+        lens=lens,
+        coc_px=coc_px,
+        mended=mended,
+    )

@@ -1,0 +1,98 @@
+"""What ``defocus info`` tells of a file, in a JSON document and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.jobs.job import lens_record, lens_words
+from defocus_cli.system.console import counted
+
+if TYPE_CHECKING:
+    from defocus_cli.reports.inspection import DepthFound, Inspection, MapFound
+
+_MAP_WORDS = {
+    "coc": "CoC map (signed radius, negative nearer than the focus)",
+    "disparity": "disparity map (between left and right, signed like the CoC)",
+    "trust": "trust map (share of the lens that saw what the picture holds)",
+}
+_MAP_UNITS = {"coc": " px", "disparity": " px", "trust": ""}
+
+
+def record(found: Inspection) -> dict[str, Any]:
+    """What is in a file."""
+    told: dict[str, Any] = {
+        "file": str(found.info.path),
+        "size": [found.info.width, found.info.height],
+        "parts": [
+            {"index": p.index, "name": p.name, "deep": p.deep, "channels": dict(p.channels)}
+            for p in found.info.parts
+        ],
+        "color": None,
+        "color_note": found.color_note,
+        "depth": None,
+        "depth_note": found.depth_note,
+        "maps": [_map_record(shown) for shown in found.maps],
+    }
+    if found.color is not None:
+        told["color_note"] = found.color.note
+        told["color"] = {
+            "channels": list(found.color.channels),
+            "nonfinite_pixels": found.color.nonfinite,
+        }
+    if (depth := found.depth) is not None:
+        told["depth_note"] = depth.note
+        told["depth"] = {
+            "range_m": depth.range_m,
+            "sky_pixels": depth.sky,
+            "invalid_pixels": depth.invalid,
+            "lens": lens_record(depth.lens) if depth.lens else None,
+            "coc_px": depth.coc_px,
+            "mended": depth.mended,
+        }
+    return told
+
+
+def _map_record(shown: MapFound) -> dict[str, Any]:
+    unit = _MAP_UNITS[shown.kind].strip()
+    return {"kind": shown.kind, f"range_{unit}" if unit else "range": shown.range}
+
+
+def lines(found: Inspection) -> Iterator[str]:
+    """What is in a file, in words."""
+    info = found.info
+    yield f"{info.path}: {info.width}x{info.height}"
+    for part in info.parts:
+        named = f"part {part.index}{f' ({part.name})' if part.name else ''}: "
+        channels = ", ".join(f"{name} {kind}" for name, kind in part.channels)
+        yield f"  {named if len(info.parts) > 1 else ''}{channels}{', deep' if part.deep else ''}"
+    for shown in found.maps:
+        reach = "no finite pixel"
+        if shown.range is not None:
+            reach = f"{shown.range[0]:.2f} to {shown.range[1]:.2f}{_MAP_UNITS[shown.kind]}"
+        yield f"  {_MAP_WORDS[shown.kind]}: {reach}"
+    if found.maps and found.color is None and found.depth is None:
+        return
+    if found.color is None:
+        yield f"  no colour: {found.color_note}"
+    else:
+        bad = found.color.nonfinite
+        holes = f", {counted(bad, 'pixel')} not finite" if bad else ""
+        yield f"  colour: {', '.join(found.color.channels)}{holes} ({found.color.note})"
+    if found.depth is None:
+        yield f"  no depth: {found.depth_note}"
+    else:
+        yield from _depth_lines(found.depth)
+
+
+def _depth_lines(depth: DepthFound) -> Iterator[str]:
+    reach = "no finite depth"
+    if depth.range_m is not None:
+        reach = f"{depth.range_m[0]:.6g} m to {depth.range_m[1]:.6g} m"
+    invalid = counted(depth.invalid, "invalid pixel")
+    yield f"  depth: {reach}, {depth.sky} sky and {invalid} ({depth.note})"
+    if depth.lens is not None and depth.coc_px is not None:
+        near, far = depth.coc_px
+        yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_words(depth.lens)})"
+        if depth.mended:
+            yield f"  rendered: {depth.mended}"

@@ -1,0 +1,123 @@
+"""What commands tell: words and a progress bar on stderr, one JSON document on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.jobs.job import lens_record, lens_record_words, lens_words
+from defocus_cli.reports import stats_table
+from defocus_cli.system.arrays import scratch_folder
+from defocus_cli.system.console import counted
+
+if TYPE_CHECKING:
+    from defocus_cli.jobs.job import Job
+
+
+def plan_record(job: Job) -> dict[str, Any]:
+    """What a job would read and write."""
+    return {
+        "stem": job.sample_id,
+        **{role: str(path) for role, path in job.picture.files.items()},
+        "lens": lens_record(job.lens),
+        "outputs": {kind: str(path) for kind, path in job.paths.items()},
+        "previews": {kind: str(path) for kind, path in job.previews.items()},
+    }
+
+
+def plan_line(job: Job) -> str:
+    """What a job would read and write, in words."""
+    inputs = dict.fromkeys(map(str, job.picture.files.values()))
+    return (
+        f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
+        f"would write {_written_words(job)}"
+    )
+
+
+def outcome_record(
+    job: Job, record: Mapping[str, Any], result: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What a job read, did and wrote.
+
+    Args:
+        job: the job.
+        record: what the journal says of it.
+        result: what became of it now; empty if it was done before.
+    """
+    seconds = record["seconds"]
+    return {
+        **plan_record(job),
+        "status": record["status"],
+        "reason": record["reason"],
+        "message": record["message"],
+        "done_before": not result,
+        "size": record["size"],
+        "color_note": record.get("color_note"),  # journals of earlier versions have none
+        "depth_note": record["depth_note"],
+        "lens": record["lens"] or lens_record(job.lens),
+        "coc_px": record["coc_px"],
+        "device": record["device"],
+        "quality": record["quality"],
+        "render_seconds": seconds.get("render"),
+        "render_cpu_seconds": seconds.get("cpu"),
+        "warnings": record["warnings"],
+        "stats": result.get("stats", {}),
+    }
+
+
+def outcome_lines(
+    job: Job,
+    record: Mapping[str, Any],
+    result: Mapping[str, Any],
+    *,
+    verbose: bool,
+    stats: bool = False,
+) -> Iterator[str]:
+    """What a job did, in words: one line, one for each warning, and more if ``verbose``.
+
+    What was computed and what was skipped is a table if ``stats``, a line if ``verbose`` alone.
+    """
+    if record["status"] != "ok":
+        yield f"defocus: {record['message']}"
+        if verbose and "trace" in result:
+            yield from result["trace"].splitlines()
+        return
+    (width, height), (near, far) = record["size"], record["coc_px"]
+    seconds = record["seconds"]
+    yield (
+        f"{job.sample_id}: {width}x{height}, {lens_record_words(record['lens'])}, "
+        f"CoC {near:.2f} to {far:.2f} px, {seconds['render']:.2f} s -> {_written_words(job)}"
+    )
+    for warning in record["warnings"]:
+        yield f"{job.sample_id}: warning: {warning}"
+    if verbose:
+        yield f"  colour: {record['color_note']}"
+        yield f"  depth: {record['depth_note']}"
+        yield (
+            f"  {record['device']}, {counted(job.machine.threads, 'thread')}, {record['quality']}, "
+            f"{seconds['cpu']:.2f} CPU s"
+        )
+        if "scratch_mb" in result["stats"]:
+            scratch_mb = result["stats"]["scratch_mb"]
+            yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
+    counts = {name: count for name, count in result["stats"].items() if name != "scratch_mb"}
+    if stats:
+        yield from stats_table.lines(counts)
+    elif verbose and counts:
+        yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
+
+
+def done_before_line(job: Job) -> str:
+    """That a job was done before, in words."""
+    return f"{job.sample_id}: done before -> {_written_words(job)}"
+
+
+def _written_words(job: Job) -> str:
+    """The files of a job, those of one name together, like ``out/{left,right}/a.exr``."""
+    folders: dict[str, list[str]] = {}
+    for path in job.written:
+        folders.setdefault(path.name, []).append(path.parent.name)
+    return ", ".join(
+        str(job.outputs.root / (f"{{{','.join(kinds)}}}" if len(kinds) > 1 else kinds[0]) / name)
+        for name, kinds in folders.items()
+    )

@@ -1,0 +1,1 @@
+"""The machine: safe files, memory, interrupts, errors, the console."""

@@ -1,0 +1,218 @@
+"""Arrays [H, W] in memory or, where they would not fit, in a scratch file.
+
+A scratch file has no name: whatever ends the process, nothing of it stays. Of what is in it, no
+more is in memory than the window that is looked at.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import torch
+
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from defocus_cli.system.errors import InputError, reason
+
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
+    from numpy.typing import NDArray
+
+# Pixels of a row or rows that are looked at at once.
+_BAND = 1 << 20
+_LASTING = Path("/var/tmp")
+
+
+class Scratch:
+    """An array [H, W] in a file without a name, cut and filled by slices like one in memory.
+
+    Attributes:
+        shape: (height, width).
+        dtype: of the numbers.
+    """
+
+    def __init__(self, shape: tuple[int, int], dtype: Any) -> None:
+        """Make a file of zeros.
+
+        Raises:
+            InputError: there is no room for it.
+        """
+        import numpy as np
+
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
+        try:
+            self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(self._file.fileno(), 0, size)
+            else:
+                self._file.truncate(size)
+        except OSError as error:
+            raise _no_room(folder, size, error) from None
+
+    def __getitem__(self, window: Any) -> NDArray[Any]:
+        """The numbers in slices of rows and, after them, of columns; a copy."""
+        import numpy as np
+
+        (top, below, step), (left, beside, stride) = self._cuts(window)
+        found = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
+        for rows, offset in self._runs(found, top, left):
+            if os.preadv(self._file.fileno(), [rows.data], offset) < rows.nbytes:
+                raise OSError("a scratch file ended early")
+        return found[::step, ::stride]
+
+    def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
+        """Fill slices, without steps, of rows and columns."""
+        import numpy as np
+
+        (top, below, _), (left, beside, _) = self._cuts(window)
+        given = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
+        try:
+            for rows, offset in self._runs(given.astype(self.dtype, copy=False), top, left):
+                os.pwritev(self._file.fileno(), [rows.data], offset)
+        except OSError as error:
+            raise _no_room(scratch_folder(), given.nbytes, error) from None
+
+    def _cuts(self, window: Any) -> list[tuple[int, int, int]]:
+        cuts = window if isinstance(window, tuple) else (window,)
+        cuts = (*cuts, *[slice(None)] * (2 - len(cuts)))
+        return [cut.indices(length) for cut, length in zip(cuts, self.shape, strict=True)]
+
+    def _runs(
+        self, values: NDArray[Any], top: int, left: int
+    ) -> Iterator[tuple[NDArray[Any], int]]:
+        """Parts of an array that lie in one piece in the file, and where."""
+        if values.shape[1] == self.shape[1]:
+            count = max(1, _BAND // max(1, self.shape[1]))
+            pieces = [values[y : y + count] for y in range(0, len(values), count)]
+        else:
+            count, pieces = 1, list(values)
+        for number, piece in enumerate(pieces):
+            place = (top + number * count) * self.shape[1] + left
+            if piece.size:
+                yield piece, place * self.dtype.itemsize
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """Where the arrays of a picture are kept."""
+
+    scratch: bool = False
+
+    def new(self, shape: tuple[int, int], dtype: Any) -> Any:
+        """An array [H, W], to be filled."""
+        if self.scratch:
+            return Scratch(shape, dtype)
+        import numpy as np
+
+        return np.empty(shape, dtype)
+
+
+IN_MEMORY = Keeping()
+
+
+class Stack:
+    """Some arrays [H, W] as one [H, W, C], cut by rows."""
+
+    def __init__(self, planes: Sequence[Any]) -> None:
+        self.planes = planes
+        self.shape = (*planes[0].shape, len(planes))
+        self.dtype = planes[0].dtype
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        import numpy as np
+
+        return np.stack([plane[rows] for plane in self.planes], axis=2)
+
+
+class Windows:
+    """Arrays [H, W] as what `defocus_core` renders from: [C, H, W], or [H, W] of a lone one."""
+
+    def __init__(self, planes: Sequence[Any], device: str, *, lone: bool = False) -> None:
+        import torch
+
+        height, width = planes[0].shape
+        self._planes, self._lone = planes, lone
+        self.shape = (height, width) if lone else (len(planes), height, width)
+        self.device = torch.device(device)
+        first = planes[0][0:1, 0:1]
+        self.dtype: torch.dtype = torch.from_numpy(first.copy()).dtype
+
+    def __getitem__(self, window: Any) -> torch.Tensor:
+        """A window, on the device."""
+        import numpy as np
+
+        pass
+
+        cuts = window if isinstance(window, tuple) else (window,)
+        cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
+        if self._lone:
+            found = self._planes[0][cuts]
+        else:
+            found = np.stack([plane[cuts] for plane in self._planes])
+        return sent(found, self.device)
+
+
+def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
+    """Rows of an array [H, W, …], some at a time."""
+    height, width = shape[:2]
+    count = max(1, pixels // max(1, width))
+    return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
+
+
+def count_of(found: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
+    """How many pixels of bands [h, W], of known first rows, are true, and the first as x,y."""
+    import numpy as np
+
+    count, first = 0, ""
+    for band, top in found:
+        here = int(np.count_nonzero(band))
+        if here and not count:
+            y, x = np.unravel_index(int(band.argmax()), band.shape)
+            first = f"{x},{y + top}"
+        count += here
+    return count, first
+
+
+def scratch_folder() -> Path:
+    """Where scratch files lie: $TMPDIR, or else /var/tmp."""
+    if not os.environ.get("TMPDIR") and os.access(_LASTING, os.W_OK):
+        return _LASTING
+    return Path(tempfile.gettempdir())
+
+
+def _no_room(folder: Path, size: int, error: OSError) -> InputError:
+    problem = f"has no room for {size / 10**6:.0f} MB of scratch: {reason(error)}"
+    remedy = "free some, let TMPDIR name another directory, or allow more --memory"
+    return InputError(folder, problem, remedy)
+
+
+def sent(values: Any, device: torch.device) -> torch.Tensor:
+    """An array as a tensor on a device; to a GPU it is still on its way while work goes on."""
+    import torch
+
+    found = torch.from_numpy(values)
+    if device.type != "cuda":
+        return found.to(device)
+    return found.pin_memory().to(device, non_blocking=True)
+
+
+def fetched(values: torch.Tensor) -> Any:
+    """A tensor as an array, once all that it depends on is computed."""
+    import torch
+
+    if not values.is_cuda:
+        return values.cpu().numpy()
+    held = torch.empty(values.shape, dtype=values.dtype, pin_memory=True)
+    held.copy_(values, non_blocking=True)
+    torch.cuda.current_stream(values.device).synchronize()
+    return held.numpy()

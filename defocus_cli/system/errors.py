@@ -1,0 +1,118 @@
+"""What a user did wrong, said in one line: ``defocus: SUBJECT: problem; remedy``.
+
+Exit codes: 1 if a part of a batch failed, 2 for a command line that makes no sense, 3 for a file
+that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    pass
+
+import unicodedata
+from difflib import get_close_matches
+from typing import IO, TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+
+class UserError(click.ClickException):
+    """A mistake with a subject, a problem and a remedy, shown without a traceback.
+
+    Args:
+        subject: the file or option concerned.
+        problem: what is wrong with it, without a full stop.
+        remedy: what to do about it; the empty string if there is nothing to propose.
+    """
+
+    def __init__(self, subject: str | Path, problem: str, remedy: str = "") -> None:
+        self.subject = printable(str(subject))
+        self.problem = one_line(problem)
+        self.remedy = one_line(remedy)
+        told = f"{self.subject}: {self.problem}"
+        super().__init__(f"{told}; {self.remedy}" if self.remedy else told)
+
+    def __reduce__(self) -> tuple[type[UserError], tuple[str, str, str]]:
+        # By default an exception unpickles from its message alone; workers send these home.
+        return type(self), (self.subject, self.problem, self.remedy)
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Print the line to stderr, or to ``file``."""
+        click.echo(f"defocus: {self.format_message()}", file=file, err=file is None)
+
+
+class UsageProblem(UserError):  # noqa: N818 - click already has a UsageError
+    """The command line asks for something that makes no sense; exit code 2."""
+
+    exit_code = 2
+
+
+class InputError(UserError):
+    """A file cannot be read, understood or written; exit code 3."""
+
+    exit_code = 3
+
+
+class TooLarge(InputError):  # noqa: N818 - it is said of a file
+    """A picture does not fit into memory."""
+
+
+class Interrupted(click.ClickException):
+    """The user pressed Ctrl-C; exit code 130."""
+
+    exit_code = 130
+
+
+class SomeFailed(click.ClickException):
+    """Not all of a batch could be done; exit code 1."""
+
+    exit_code = 1
+
+
+def one_line(text: object) -> str:
+    """``text`` with line breaks, tabs and runs of blanks turned into single blanks, `printable`."""
+    return printable(" ".join(str(text).split()))
+
+
+def printable(text: str) -> str:
+    """``text`` with what would steer a terminal or break a line written as Python escapes it.
+
+    File names may hold anything: line breaks, escapes, bytes that are no UTF-8.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        char
+        if char.isprintable() or unicodedata.category(char) == "Zs"
+        else char.encode("unicode_escape").decode()
+        for char in text
+    )
+
+
+def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:
+    """The remedy for a name that is not known: the nearest that is, or else ``otherwise``."""
+    nearest = get_close_matches(word.lower(), known, n=1, cutoff=0.7)
+    return f"did you mean {nearest[0]}?" if nearest else otherwise
+
+
+def reason(error: BaseException) -> str:
+    """What an exception of any library says, as one clause without a full stop."""
+    told = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return one_line(told).rstrip(".")
+
+
+class Rejected(InputError):  # noqa: N818 - it is no error of the user's
+    """A picture that a lens cannot take as asked; ``code`` says why, for programs."""
+
+    def __init__(self, subject: object, problem: str, remedy: str = "", code: str = "") -> None:
+        super().__init__(str(subject), problem, remedy)
+        self.code = code
+
+    def __reduce__(self) -> tuple[type[Rejected], tuple[str, str, str, str]]:  # type: ignore[override]
+        return type(self), (self.subject, self.problem, self.remedy, self.code)

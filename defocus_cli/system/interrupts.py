@@ -1,0 +1,107 @@
+"""What ends a run from outside: Ctrl-C, and the signals by which a system ends processes.
+
+Ctrl-C pressed once finishes what has been begun; pressed again, it stops all. SIGTERM and SIGHUP
+stop all at once, as who sends them may not wait: nothing half-written is left.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
+from typing import Any
+
+from defocus_cli.system import console
+
+_ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+class Terminated(BaseException):
+    """The system ends this process; ``number`` is that of the signal."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+    @property
+    def signal_name(self) -> str:
+        """Like SIGTERM."""
+        return signal.Signals(self.number).name
+
+
+@contextmanager
+def terminations() -> Iterator[None]:
+    """In the block, signals that would end the process raise `Terminated`, the first of them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _: FrameType | None) -> None:
+        for other in before:
+            signal.signal(other, signal.SIG_IGN)
+        raise Terminated(number)
+
+    # What nohup has switched off stays off.
+    before = [number for number in _ENDING if signal.getsignal(number) == signal.SIG_DFL]
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in before:
+            signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def put_off() -> Iterator[None]:
+    """Put signals off to the end: an import they hit swallows them, or leaves half a module."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: came.append(number))
+        for number in (signal.SIGINT, *_ENDING)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for number in came:
+        signal.raise_signal(number)
+
+
+class Interrupts:
+    """While the block runs, the first Ctrl-C is remembered, and a second one raises.
+
+    Args:
+        patient: False if the first one raises, too.
+    """
+
+    def __init__(self, *, patient: bool) -> None:
+        self.asked = False
+        self._patient = patient
+        self._before: Any = None
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is threading.main_thread():
+            self._before = signal.signal(signal.SIGINT, self._pressed)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _pressed(self, number: int, frame: FrameType | None) -> None:
+        if self.asked or not self._patient:
+            raise KeyboardInterrupt
+        self.asked = True
+        console.say("finishing what is being rendered; press Ctrl-C again to stop at once")

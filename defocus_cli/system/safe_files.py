@@ -1,0 +1,201 @@
+"""The door every file passes: checked before a decoder sees it, written whole or not at all.
+
+Decoders written in C print whatever they like on the process's stdout and stderr; `quiet` keeps
+that from data on stdout and from the one line a user is promised on stderr.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import itertools
+import os
+import sys
+import threading
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from typing import TYPE_CHECKING, BinaryIO
+
+from defocus_cli.system.errors import InputError, reason
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+MAX_PIXELS = 2**30
+# No codec in use packs real pixels tighter than this; small images are allocated without asking.
+MAX_RATIO = 10_000
+UNASKED_BYTES = 2**28
+
+_quiet_lock = threading.RLock()
+_serial = itertools.count()
+
+
+def read_head(path: Path, count: int = 16) -> bytes:
+    """First ``count`` bytes of an existing, readable, non-empty file.
+
+    Raises:
+        InputError: the file is missing, no regular one, is empty or may not be read.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
+        raise InputError(path, "has a name that is not UTF-8", "rename it") from None
+    try:
+        if path.is_dir():
+            raise InputError(path, "is a directory, not an image", "name a file in it")
+        if path.exists() and not path.is_file():  # to open a pipe is to wait for its writer
+            raise InputError(path, "is not a regular file", "copy what it holds to one")
+        with path.open("rb") as file:
+            head = file.read(count)
+    except FileNotFoundError as error:
+        raise missing(path) from error
+    except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
+        if isinstance(error, OSError) and error.errno == errno.ELOOP:
+            raise missing(path) from error
+        remedy = "check its permissions"
+        raise InputError(path, f"cannot be opened: {reason(error)}", remedy) from error
+    if not head:
+        raise InputError(path, "is empty (zero bytes)", "write or copy it again")
+    return head
+
+
+def missing(path: Path, what: str = "file") -> InputError:
+    """The InputError for a path at which nothing is, or a link that leads to nothing."""
+    if not path.is_symlink():
+        return InputError(path, f"no such {what}", "check the name")
+    problem = "is a symbolic link that leads to nothing"
+    try:
+        path.stat()
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            problem = "is a symbolic link that leads in a circle"
+    return InputError(path, problem, "make the link anew, or name another path")
+
+
+def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
+    """Refuse a header's size before anything of that size is allocated.
+
+    Args:
+        path: the file, whose length bounds what it can hold.
+        width: in px, as the header claims.
+        height: in px, as the header claims.
+        pixel_bytes: bytes of one decoded pixel, all channels.
+
+    Raises:
+        InputError: nothing to show, more than `MAX_PIXELS`, or far more than the file could hold.
+    """
+    claim = f"its header claims {width}×{height} px"
+    if width < 1 or height < 1:
+        raise InputError(path, f"is damaged: {claim}", "write or copy it again")
+    if width * height > MAX_PIXELS:
+        raise InputError(path, f"{claim}, more than {MAX_PIXELS}", "cut it into smaller images")
+    size, decoded = path.stat().st_size, width * height * pixel_bytes
+    if decoded > max(UNASKED_BYTES, size * MAX_RATIO):
+        problem = f"{claim}, but the file has only {size} bytes"
+        raise InputError(path, problem, "write or copy it again")
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Send all that is printed to nowhere while the block runs; one thread at a time.
+
+    stdout and stderr belong to the process: what other threads print meanwhile is lost too.
+    """
+    with _quiet_lock:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError, AttributeError):
+                stream.flush()
+        saved: list[tuple[int, int]] = []
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            for number in (1, 2):
+                with suppress(OSError):  # closed by whoever started us
+                    saved.append((number, os.dup(number)))
+                    os.dup2(nowhere, number)
+            # OpenEXR's binding prints through Python as well.
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                yield
+        finally:
+            for number, copy in saved:
+                os.dup2(copy, number)
+                os.close(copy)
+            os.close(nowhere)
+
+
+@contextmanager
+def spoken() -> Iterator[None]:
+    """Words that are said in the block are heard, even if another thread is in `quiet`."""
+    with _quiet_lock:
+        yield
+
+
+def leftover(path: Path, process: int) -> str:
+    """How the names of the hidden siblings of ``path`` start that a process makes."""
+    return f".{path.name[:60]}.{process}."
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[BinaryIO]:
+    """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
+
+    Parent directories are made. If anything fails, the sibling and the directories made for it are
+    gone again and an existing ``path`` is untouched.
+
+    Raises:
+        InputError: for any OSError, a full disk among them.
+    """
+    sibling = path.with_name(f"{leftover(path, os.getpid())}{next(_serial)}.tmp")
+    made: list[Path] = []
+    try:
+        _make_directories(path.parent, made)
+        with sibling.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        sibling.replace(path)
+    except BaseException as error:
+        with suppress(OSError):
+            sibling.unlink()
+        for directory in reversed(made):
+            with suppress(OSError):  # no longer empty: someone else uses it
+                directory.rmdir()
+        if isinstance(error, OSError):
+            raise unwritable(path, error) from error
+        raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable, where the system can."""
+    with suppress(PermissionError, NotImplementedError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
+
+
+def is_at(path: Path, number: int) -> bool:
+    """Whether an open file is still the one of that name."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return os.path.samestat(os.fstat(number), path.stat())
+    return False
+
+
+def unwritable(path: Path, error: OSError) -> InputError:
+    """The InputError for an output that the system refused."""
+    remedies = {
+        errno.ENOSPC: "free some space or name another output directory",
+        errno.EDQUOT: "free some space or name another output directory",
+        errno.EISDIR: "it is a directory; name another output",
+    }
+    remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
+    return InputError(path, f"cannot be written: {reason(error)}", remedy)
+
+
+def _make_directories(directory: Path, made: list[Path]) -> None:
+    """Like ``mkdir -p``, noting in ``made`` which directories are new."""
+    if not directory.exists():
+        _make_directories(directory.parent, made)
+        with suppress(FileExistsError):  # another process was faster
+            directory.mkdir()
+            made.append(directory)

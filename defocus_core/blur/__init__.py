@@ -1,0 +1,1 @@
+"""Layers blurred by the pupil's kernels: kernel bank, Fourier blur, reduced resolution."""

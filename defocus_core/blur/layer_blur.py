@@ -1,0 +1,196 @@
+"""Slices of a surface blurred over a tile, and summed to layers while still transformed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.blur.fourier import crop_inverse, sum_of_products
+from defocus_core.blur.kernel_bank import Window
+from defocus_core.blur.reduced_resolution import Reduced
+from defocus_core.images.box import Box
+from defocus_core.images.pyramid import Axis
+from defocus_core.images.tiling import Grid
+from defocus_core.layers.extents import Patch
+from defocus_core.layers.sliced_surface import Samples, Surface
+from defocus_core.layers.subpixel_shifts import NEAR
+
+
+class Piece(NamedTuple):
+    """What a tile sees of a layer at full resolution.
+
+    Attributes:
+        number: Of the layer.
+        window: Of its slices.
+        rungs: The first to the last of the surface that reach the tile.
+        patch: Where.
+        near: Whether it is near focus: parts see shifts of less than a pixel.
+    """
+
+    number: int
+    window: Window
+    rungs: range
+    patch: Patch
+    near: bool
+
+
+class Shown(NamedTuple):
+    """A layer over a rectangle of a tile; elsewhere it is 0.
+
+    Attributes:
+        box: Counted from the corner of the tile.
+        layer: [m, C + 1, h, w].
+        moved: [m, C, h, w] what shifts of less than a pixel add to its colours; None if nothing.
+    """
+
+    box: Box
+    layer: Tensor
+    moved: Tensor | None
+
+
+class Sliced(NamedTuple):
+    """A surface to be blurred.
+
+    Attributes:
+        surface: It is.
+        stride: Whether it uses every slice (1) or every other (2).
+        layer_of: For each slice the number of its layer.
+        pieces: For each tile what is blurred at full resolution.
+        reduced: Layers at reduced resolution, by number.
+    """
+
+    surface: Surface
+    stride: int
+    layer_of: list[int]
+    pieces: list[list[Piece]]
+    reduced: dict[int, Reduced]
+
+
+class Blur:
+    """The blur of all slices of a frame, tile by tile."""
+
+    def __init__(
+        self,
+        windows: list[Window],
+        reaches: list[int],
+        grid: Grid,
+        groups: list[slice],
+        middle: tuple[Axis, Axis],
+    ) -> None:
+        """Keep what all surfaces share.
+
+        Args:
+            windows: Of the slices; those of a layer share one.
+            reaches: Px that each spreads.
+            grid: The tiles, counted from the first sample of a surface.
+            groups: Of the parts of the aperture: each is computed as if it were alone, to the
+                last bit.
+            middle: Of the frame, counted from the first sample of a surface.
+        """
+        self._windows = windows
+        self._reaches = reaches
+        self._grid = grid
+        self._groups = groups
+        self._middle = middle
+
+    def sliced(self, samples: Samples, stride: int, layer_of: list[int]) -> Sliced:
+        """A layer of the scene, prepared for its tiles."""
+        whole = [w for w in self._windows if not w.halvings]
+        before = max((w.margin for w in whole), default=0)
+        beyond = max((n - w.margin for w in whole for n in w.size), default=0)
+        numbers = layer_of[::stride]
+        surface = Surface(samples, self._reaches[::stride], numbers, self._grid, before, beyond)
+        tilted = {rung for some in surface.tilted_plan for rung in some}
+        rungs_of: dict[int, list[int]] = {}
+        for rung in sorted({rung for some in surface.plan for rung in some}):
+            rungs_of.setdefault(numbers[rung], []).append(rung)
+        pieces: list[list[Piece]] = [[] for _ in self._grid.tiles]
+        reduced: dict[int, Reduced] = {}
+        windows = {n: self._windows[rungs[0] * stride] for n, rungs in rungs_of.items()}
+        margins = {n: window.margin for n, window in windows.items() if not window.halvings}
+        patches = dict(zip(margins, surface.patches(margins), strict=True)) if margins else {}
+        for number, rungs in rungs_of.items():
+            window = windows[number]
+            if window.halvings:
+                reduced[number] = Reduced(
+                    surface,
+                    window,
+                    {rung: rung * stride for rung in rungs},
+                    tilted,
+                    self._groups,
+                    self._grid.box,
+                    self._middle,
+                )
+                continue
+            near = float(window.radii.abs().amin()) < NEAR
+            for some, plan, patch in zip(pieces, surface.plan, patches[number], strict=True):
+                here = [rung for rung in plan if numbers[rung] == number]
+                if here and patch:
+                    some.append(Piece(number, window, range(here[0], here[-1] + 1), patch, near))
+        return Sliced(surface, stride, layer_of, pieces, reduced)
+
+    def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, Shown]]:
+        """The layers of the visible or the hidden surface over a tile: sums of blurred slices.
+
+        Args:
+            sliced: The surface.
+            index: Of the tile.
+
+        Returns:
+            For each group of m parts the layers by number; shifts go with those of the last.
+        """
+        tile = self._grid.tiles[index]
+        shown: list[dict[int, Shown]] = [{} for _ in self._groups]
+        for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
+            if number in sliced.reduced and (found := sliced.reduced[number].over(tile)):
+                box = found[0].seen_from(tile)
+                for some, layer in zip(shown, found[1], strict=True):
+                    some[number] = Shown(box, layer, None)
+        near = any(piece.near for piece in sliced.pieces[index])
+        shifts = sliced.surface.shifts(index) if near else None
+        for piece in sliced.pieces[index]:
+            made = self._blurred(sliced, piece, index) if piece.window.margin else None
+            seen = piece.patch.seen
+            box = seen.seen_from(tile)
+            layers = made or self._sharp(sliced, piece)
+            moved = None
+            if shifts is not None and piece.near:
+                # what a part does not see is not moved in it
+                held = sliced.surface.shares(piece.rungs, seen)
+                held = torch.minimum(held, layers[-1][:, -1:].clamp(min=0))
+                moved = box.of(shifts) * held
+            for some, layer in zip(shown, layers, strict=True):
+                some[piece.number] = Shown(box, layer, moved if some is shown[-1] else None)
+        return shown
+
+    def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
+        """A layer where it shows, for each group of m parts: [m, C + 1, h, w]."""
+        surface, window, rungs = sliced.surface, piece.window, piece.rungs
+        size = window.fitting(piece.patch.least)
+        box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
+        pixels = surface.members(rungs, box, piece.patch.lit)
+        spectra = torch.fft.rfft2(pixels).unbind(1)
+        tilted = [rung for rung in rungs if rung in surface.tilted_plan[index]]
+        found = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
+        slopes = dict(zip(tilted, found, strict=True))
+        leaning = [i for i, rung in enumerate(rungs) if rung in slopes and not slopes[rung]]
+        terms: list[tuple[Tensor, Tensor]] = []
+        for i, rung in enumerate(rungs):
+            k, slope = rung * sliced.stride, slopes.get(rung)
+            kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
+            terms.append((spectra[i], kernel))
+        if leaning:
+            lean = surface.slopes(box)[:, None, None]
+            pairs = torch.fft.rfft2(lean * pixels[:, leaning])
+            for i, pair in zip(leaning, pairs.unbind(2), strict=True):
+                terms += zip(pair, window.leaning(rungs[i] * sliced.stride, size), strict=True)
+        wanted = piece.patch.seen.seen_from(box)
+        return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
+
+    def _sharp(self, sliced: Sliced, piece: Piece) -> list[Tensor]:
+        """The same of slices that are not blurred."""
+        box = piece.patch.seen
+        pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
+        return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]

@@ -1,0 +1,144 @@
+"""Slices of large radii blurred at reduced resolution, over a whole region at once.
+
+A disc many px wide makes pictures as smooth as its rim is long. Its slices are averaged to 1/2,
+1/4, ... of the resolution after each pixel has got its share in them, blurred there, and read by
+cubics in between (Keys 1981). Like everything that is halved, cells stand symmetrically about the
+middle of the frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from defocus_core.blur.fourier import crop_inverse, sum_of_products
+from defocus_core.blur.kernel_bank import Window
+from defocus_core.images.box import Box, Span
+from defocus_core.images.pyramid import Axis, place_of
+from defocus_core.images.resampling import Shares, cubic_shares, resampled
+from defocus_core.layers.extents import patch_of
+from defocus_core.layers.sliced_surface import Surface
+
+
+class Reduced:
+    """A layer of a surface at reduced resolution."""
+
+    def __init__(
+        self,
+        surface: Surface,
+        window: Window,
+        slices: dict[int, int],
+        tilted: set[int],
+        groups: list[slice],
+        core: Box,
+        middle: tuple[Axis, Axis],
+    ) -> None:
+        """Blur the slices of a layer.
+
+        Args:
+            surface: That they are of.
+            window: That they share.
+            slices: For each rung of the surface that reaches the core the number of its slice.
+            tilted: The rungs that have slopes.
+            groups: Of the parts of the aperture.
+            core: Where the layer is wanted, counted from the first sample of the surface.
+            middle: Of the frame, counted likewise.
+        """
+        self._middle, self._halvings = middle, window.halvings
+        self._shares: dict[tuple[float, int], Shares] = {}
+        self._cells: tuple[Span, Span] | None = None
+        self._groups: list[Tensor] = []
+        step = 1 << window.halvings
+        around, reach = self._read_by(core), (window.margin + 3) * step
+        bounds = surface.bounds(list(slices))
+        if not (bounds.height and bounds.width):
+            return
+        patch = patch_of(self._spans(bounds), around, window.margin)
+        if patch is None:
+            return
+        size = window.fitting(patch.least)
+        cells = Box(*patch.corner, *size)
+        # what follows after its end is left out: it would wrap around to what is wanted
+        lit = Box.over(
+            *(Span(a.first, b.end) for a, b in zip(cells.sides, patch.lit.sides, strict=True))
+        )
+        terms: list[tuple[Tensor, Tensor]] = []
+        sloping = [rung for rung in slices if rung in tilted]
+        found = surface.planes(sloping, core.around(reach))
+        slopes = dict(zip(sloping, found, strict=True))
+        for rung, k in slices.items():
+            slope = slopes.get(rung)
+            lean = rung in tilted and not slope
+            averages = surface.averaged(rung, window.halvings, lit, middle, tilted=lean)
+            plain, *leaning = torch.fft.rfft2(averages, s=size)
+            kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
+            terms.append((plain, kernel))
+            terms += zip(leaning, window.leaning(k, size) if lean else (), strict=True)
+        crop = patch.seen.seen_from(cells)
+        self._groups = [crop_inverse(sum_of_products(terms, group), size, crop) for group in groups]
+        self._cells = patch.seen.sides
+
+    def over(self, box: Box) -> tuple[Box, list[Tensor]] | None:
+        """The layer at full resolution within a rectangle, counted as the core.
+
+        Returns:
+            Where in the rectangle it is not 0, counted likewise, and for each group of m parts
+            [m, C + 1, h, w]; None if it is 0 all over.
+        """
+        if self._cells is None:
+            return None
+        sides = [
+            self._pixels(d, cells).within(side)
+            for d, (cells, side) in enumerate(zip(self._cells, box.sides, strict=True))
+        ]
+        if min(side.length for side in sides) <= 0:
+            return None
+        shown = Box.over(*sides)
+        down, across = (
+            cells.within(wanted)
+            for cells, wanted in zip(self._cells, self._read_by(shown), strict=True)
+        )
+        rows, columns = (
+            self._between(d, shown[d], shown[d + 2], cells.first, self._groups[0])
+            for d, cells in enumerate((down, across))
+        )
+        some = Box.over(down, across).seen_from(Box.over(*self._cells))
+        return shown, [resampled(some.of(group), rows, columns) for group in self._groups]
+
+    def _spans(self, box: Box) -> tuple[Span, Span]:
+        """The cells between which pixels lie; they have shares in no others."""
+        down, across = (
+            Span(
+                math.floor(self._place(d, box[d])),
+                math.floor(self._place(d, box[d] + box[d + 2] - 1)) + 2,
+            )
+            for d in (0, 1)
+        )
+        return down, across
+
+    def _read_by(self, box: Box) -> tuple[Span, Span]:
+        """The cells from which pixels are read: two on each side."""
+        down, across = self._spans(box)
+        return down.grown(1), across.grown(1)
+
+    def _pixels(self, dim: int, cells: Span) -> Span:
+        """The pixels that are read from some cells."""
+        axis, step = self._middle[dim], 1 << self._halvings
+        origin = self._place(dim, axis.middle)  # of the cell in which the middle is
+        around = (cells.first - 2, cells.end + 1)
+        first, end = (axis.middle + math.ceil((cell - origin) * step) for cell in around)
+        return Span(first, end)
+
+    def _between(self, dim: int, start: int, length: int, cell: int, like: Tensor) -> Shares:
+        """The shares of cells, from one on, in pixels; most tiles have the same."""
+        key = (self._place(dim, start) - cell, length)
+        if key not in self._shares:
+            self._shares[key] = cubic_shares(*key, 0.5**self._halvings, like)
+        return self._shares[key]
+
+    def _place(self, dim: int, pixel: int) -> float:
+        """Where a pixel lies among cells."""
+        axis = self._middle[dim]
+        return place_of(pixel, axis, axis._replace(middle=0), self._halvings)

@@ -1,0 +1,1 @@
+"""Blurred layers put together: saturating sum, views of the aperture, highlights, border."""

@@ -1,0 +1,93 @@
+"""What the parts of the aperture see of a tile, as surfaces are added from front to back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from defocus_core.blur.layer_blur import Shown
+from defocus_core.compositing.saturating_sum import add_within, filled_up_to, is_full, share_behind
+from defocus_core.images.box import Box
+
+
+class Fronts:
+    """What is seen so far.
+
+    Attributes:
+        seen: For each group of m parts [m, C + 1, h, w]: colour times coverage, then coverage.
+        moved: [m, C, h, w], what shifts of less than a pixel add to the colours of the last group;
+            None if nothing.
+        invented: [m, h, w], how much of the coverage of the first group is not known; None if
+            everything is.
+    """
+
+    def __init__(
+        self, blank: list[Tensor], full: list[Tensor | float], doubt: float | None
+    ) -> None:
+        """Begin with nothing.
+
+        Args:
+            blank: As `seen`: zeros, which are overwritten.
+            full: What is covered at most, for each group.
+            doubt: Share of a part up to which gaps between visible surfaces may be errors.
+        """
+        self.seen = blank
+        self.moved: Tensor | None = None
+        self.invented: Tensor | None = None
+        self._full = full
+        self._doubt = doubt
+
+    def add(self, layers: list[dict[int, Shown]]) -> None:
+        """Add visible surfaces: layers of each group by their numbers."""
+        for group, (of_group, most) in enumerate(zip(layers, self._full, strict=True)):
+            seen = self.seen[group]
+            for number in sorted(of_group):
+                box, layer, by = of_group[number]
+                within = box.of(most) if isinstance(most, Tensor) else most
+                share = share_behind(box.of(seen), layer, within)
+                seen = add_within(seen, box, layer, share)
+                if by is not None:
+                    moved = torch.zeros_like(seen[:, :-1]) if self.moved is None else self.moved
+                    self.moved = add_within(moved, box, by, share)
+            self.seen[group] = seen
+
+    def are_full(self, *, known: bool) -> bool:
+        """Whether there is nothing left that something hidden, known or not, might fill."""
+        return all(is_full(seen, self._most(i, known)) for i, seen in enumerate(self.seen))
+
+    def fill(
+        self,
+        hidden: list[Tensor | None],
+        *,
+        known: bool,
+        before: Sequence[list[Tensor | None]] = (),
+    ) -> None:
+        """Add what is hidden.
+
+        Args:
+            hidden: Of each group [m, C + 1, h, w] over the tile; None if nothing is.
+            known: Whether it is.
+            before: The same of what hides this, too, but is added later.
+        """
+        for group, layer in enumerate(hidden):
+            seen, most = self.seen[group], self._most(group, known)
+            if layer is None or is_full(seen, most):
+                continue
+            covered = seen
+            for of_groups in before:
+                nearer = of_groups[group]
+                if nearer is not None:
+                    covered = covered + share_behind(covered, nearer, most) * nearer
+            whole, share = Box(0, 0, *seen.shape[-2:]), share_behind(covered, layer, most)
+            if group == 0 and not known:
+                more = (share * layer[:, -1:])[:, 0]
+                self.invented = more if self.invented is None else self.invented + more
+            self.seen[group] = add_within(seen, whole, layer, share)
+
+    def _most(self, group: int, known: bool) -> Tensor | float:
+        """What is covered at most in the end."""
+        if known or self._doubt is None:
+            return self._full[group]
+        return filled_up_to(self.seen[group], self._full[group], self._doubt)

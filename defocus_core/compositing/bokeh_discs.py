@@ -1,0 +1,219 @@
+"""Discs of highlights, drawn by their rims and clipped by what stands before them.
+
+Along a row of pixels a kernel changes only at its rim. So its changes are added up where a disc
+begins and ends, and summed along rows at the end: a disc costs what its rim does, not what its
+area does. Sums are in double precision, and leave next to nothing beside a bright disc.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.blur.fourier import reach
+from defocus_core.compositing.disc_occlusion import Obstruction, Squares
+from defocus_core.compositing.highlights import Highlights
+from defocus_core.images.box import Box
+from defocus_core.optics.aperture import Aperture, Part, kernel
+
+# Samples drawn at once: bounds memory.
+_SAMPLES = 1 << 18
+# Kernels are sampled together where the widest is at most so many times as wide as the others.
+_AS_WIDE = 2
+
+
+class _Alike(NamedTuple):
+    """Highlights that are drawn together.
+
+    Attributes:
+        highlights: n of them.
+        radii: [U] px, those that they have.
+        which: [n] of these radii, ascending.
+        extent: Px that they spread at most.
+    """
+
+    highlights: Highlights
+    radii: Tensor
+    which: Tensor
+    extent: int
+
+    def some(self, start: int, end: int) -> _Alike:
+        """Some of them."""
+        highlights = Highlights(*(values[start:end] for values in self.highlights))
+        return self._replace(highlights=highlights, which=self.which[start:end])
+
+
+def draw(
+    highlights: Highlights,
+    signed_radius: Tensor,
+    places: Tensor,
+    radii: tuple[float, ...],
+    aperture: Aperture,
+    parts: list[Part],
+    box: Box,
+) -> Tensor:
+    """The discs of all highlights as the parts of the aperture see them: [M, C, height, width].
+
+    Args:
+        highlights: As `highlights.split` finds them.
+        signed_radius: [H, W] px of all pixels.
+        places: [H, W] positions of all pixels on the ladder.
+        radii: The ladder.
+        aperture: The pupil.
+        parts: M parts of it.
+        box: What is wanted of the frame.
+    """
+    most = max(*places.shape, box.top + box.height, box.left + box.width)
+    canvas = _Canvas(len(parts), highlights.excess, box)
+    obstruction = Obstruction(signed_radius.detach(), places.detach(), radii)
+    for alike in _alike(highlights, most, box):
+        squares = Squares.of(alike.extent)
+        rims, cut = [], []
+        for part in parts:
+            one = kernel(alike.radii, 2 * alike.extent + 1, aperture, part)
+            rims.append(_Rim(one))
+            cut.append(squares.cut(one))
+        lit = torch.stack([(one != 0).any(-1).any(-1) for one in cut])  # [M, U, across, across]
+        wanted = lit.any(0)
+        step = max(1, _SAMPLES // max(rim.row.shape[1] for rim in rims))
+        for start in range(0, len(alike.which), step):
+            some = alike.some(start, start + step)
+            for m, rim in enumerate(rims):
+                canvas.add_rims(m, rim, some)
+            at, r = some.highlights.at, some.highlights.signed_radius.detach()
+            for stopped in obstruction.stopped(at, r, squares, wanted[some.which]):
+                which = some.which[stopped.light]
+                for m, one in enumerate(cut):
+                    here = torch.nonzero(lit[m][which, stopped.row, stopped.column])[:, 0]
+                    light, row, column, share = (x.index_select(0, here) for x in stopped)
+                    values = one[which[here], row, column] * share
+                    corner = at[light] + squares.corners(row, column)
+                    canvas.take(m, corner, values, some.highlights.excess[light])
+    return canvas.summed(highlights.excess.dtype)
+
+
+def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
+    """Those that reach a box, where none spreads by more than `most` px: the widest first."""
+    everything, spreads = _widest_first(highlights, most, box)
+    counts = torch.bincount(everything.which, minlength=len(spreads))
+    ends = [0, *counts.cumsum(0).tolist()]  # where the lights of each radius begin and end
+    first = 0
+    while first < len(spreads):
+        extent = spreads[first]
+        few = max(1, _SAMPLES // (2 * extent + 1) ** 2)
+        end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + few])
+        some = everything.some(ends[first], ends[end])
+        if len(some.which):
+            yield _Alike(some.highlights, everything.radii[first:end], some.which - first, extent)
+        first = end
+
+
+def _widest_first(highlights: Highlights, most: int, box: Box) -> tuple[_Alike, list[int]]:
+    """All highlights that reach a box, and the px [U] that those of each radius spread."""
+    radii, at = highlights.signed_radius, highlights.at
+    which = torch.arange(len(radii), device=radii.device)
+    if not radii.requires_grad:  # many lights are equally far away
+        radii, which = torch.unique(radii, return_inverse=True)
+    spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
+    wide = spread.argsort(descending=True, stable=True)
+    radii, spread, which = radii[wide], spread[wide], wide.argsort()[which]
+    corner = at.new_tensor([box.top, box.left])
+    last = corner + at.new_tensor([box.height - 1, box.width - 1])
+    away = torch.maximum(corner - at, at - last).amax(1)
+    order = which.argsort(stable=True)
+    order = order[(away <= spread[which])[order]]
+    some = Highlights(*(values[order] for values in highlights))
+    return _Alike(some, radii, which[order], most), spread.tolist()
+
+
+class _Rim:
+    """Where kernels change along their rows, as many places for each: the rest change by 0.
+
+    Attributes:
+        row: [U, k] of kernels.
+        column: [U, k].
+        change: [U, k].
+    """
+
+    def __init__(self, kernels: Tensor) -> None:
+        """Find them in [U, S, S]."""
+        changes = pad(kernels, (1, 1)).double().diff(dim=-1)  # [U, S, S + 1]
+        which, row, column = torch.nonzero(changes.detach(), as_tuple=True)
+        counts = torch.bincount(which, minlength=len(kernels))
+        number = torch.arange(len(which), device=which.device)
+        slot = (which, number - (counts.cumsum(0) - counts)[which])
+        empty = changes.new_zeros(len(kernels), max(1, int(counts.max())))
+        self.row, self.column = (
+            torch.zeros_like(empty, dtype=torch.long).index_put(slot, at) for at in (row, column)
+        )
+        self.change = empty.index_put(slot, changes[which, row, column])
+
+
+class _Canvas:
+    """Changes along the rows of a picture, to be summed."""
+
+    def __init__(self, parts: int, colors: Tensor, box: Box) -> None:
+        """Begin with none.
+
+        Args:
+            parts: Of the aperture, M.
+            colors: [n, C] of what is drawn.
+            box: What is wanted of the frame.
+        """
+        self._box = box
+        # a row and a column more take what lies beyond; one for each channel of each part, for a
+        # gradient through a part of a tensor copies all of it
+        self._size = (box.height + 1, box.width + 1)
+        self._changes = [
+            [colors.new_zeros(math.prod(self._size), dtype=torch.float64) for _ in colors[0]]
+            for _ in range(parts)
+        ]
+
+    def add_rims(self, part: int, rim: _Rim, some: _Alike) -> None:
+        """Add discs by their rims."""
+        at, colors = (values[..., None] for values in some.highlights[:2])
+        rows, columns, changes = (x[some.which] for x in (rim.row, rim.column, rim.change))
+        self._add(
+            part, rows + at[:, 0] - some.extent, columns + at[:, 1] - some.extent, changes, colors
+        )
+
+    def take(self, part: int, corner: Tensor, values: Tensor, colors: Tensor) -> None:
+        """Take away squares.
+
+        Args:
+            part: Of the aperture.
+            corner: [n, 2] row and column of the first pixel.
+            values: [n, side, side].
+            colors: [n, C].
+        """
+        changes = pad(values, (1, 1)).double().diff(dim=-1)
+        rows, columns = (torch.arange(n, device=corner.device) for n in changes.shape[1:])
+        rows, columns = corner[:, :1, None] + rows[:, None], corner[:, 1:, None] + columns
+        self._add(part, rows, columns, changes, -colors[..., None, None])
+
+    def _add(
+        self, part: int, rows: Tensor, columns: Tensor, changes: Tensor, colors: Tensor
+    ) -> None:
+        """Add changes [n, ...] times colours [n, C, 1, ...] at rows and columns of the frame."""
+        height, width = self._size
+        rows, columns = rows - self._box.top, columns - self._box.left
+        rows = torch.where(rows < 0, height - 1, rows).clamp(max=height - 1)
+        columns = columns.clamp(0, width - 1)  # what begins before the box is in it
+        spot = (rows * width + columns).flatten()
+        for c, canvas in enumerate(self._changes[part]):
+            canvas.index_add_(0, spot, (changes * colors[:, c]).flatten())
+
+    def summed(self, dtype: torch.dtype) -> Tensor:
+        """The pictures [M, C, height, width], part by part: nothing is left of the canvas."""
+        found, parts = [], len(self._changes)
+        while self._changes:
+            for channel in self._changes.pop(0):
+                sums = channel.view(self._size).cumsum(-1)
+                found.append(sums[:-1, :-1].to(dtype))
+        pictures = torch.stack(found)
+        return pictures.view(parts, -1, *pictures.shape[1:])

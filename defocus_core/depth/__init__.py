@@ -1,0 +1,1 @@
+"""Repair of depth maps: noise, anti-aliased and soft edges, quantised levels."""

@@ -1,0 +1,119 @@
+"""Depth in few levels, made smooth again: between two levels a surface has small steps.
+
+An 8-bit depth map shows a slope as terraces. Where the radius steps by up to a pixel no surface
+ends, but one step of nearly a pixel leaves a gap as wide, through which one would see, as a thin
+line, what lies far behind. Pixels beside such steps get the mean radius of those around them, as
+far as one surface goes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.neighbourhoods import extreme_around, steps_beside
+from defocus_core.images.source import spread
+from defocus_core.images.sparse_masks import places_of
+
+# Of depth in levels: the share of neighbours that are alike, of the others the shares between which
+# there is no edge, and a step that matters; and the numbers of different radii.
+_ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
+_FEW, _MANY = 32, 256
+# Every how many columns are looked at for that: sorting takes long, so it comes last.
+_EVERY = 16
+# Steps in px between two terraces; and what is flat beside them, as a share of the step.
+_LEAST, _MOST, _FLAT = 0.2013, 1.013, 0.1013
+# Px over which a step is spread to each side.
+_WIDE = 4
+# Px around a pixel that decide what it becomes.
+AROUND = 2 * _WIDE + 2
+
+
+class Levels(NamedTuple):
+    """What a part of a frame tells of the levels of its depth.
+
+    Attributes:
+        steps: Along both axes how many steps there are, and how many are none, too small to
+            matter, and too small for an edge: [2][4]; empty if neighbours are mostly not alike.
+        radii: [n, k] px of some pixels, evenly spread; None likewise.
+    """
+
+    steps: list[list[int]]
+    radii: Tensor | None
+
+
+def levels_of(rows: Tensor, below: Tensor) -> Levels:
+    """Look at some rows of a frame.
+
+    Args:
+        rows: [n, W] px.
+        below: The rows below them, one less at the end of a frame.
+    """
+    steps = []
+    for step in (rows.diff(dim=1), below - rows[: len(below)]):
+        size = step.abs_()
+        same = size.numel() - int(torch.count_nonzero(size))
+        if size.numel() and same <= _ALIKE * size.numel():
+            return Levels([], None)
+        few = (int(torch.count_nonzero(size <= most)) for most in (_LEAST, _MOST))
+        steps.append([size.numel(), same, *few])
+    return Levels(steps, rows[:, spread(rows.shape[1], _EVERY)])
+
+
+def are_few(levels: list[Levels]) -> bool:
+    """Whether the depth of a frame, of which all parts are told, has but few levels."""
+    found = [part.radii for part in levels if part.radii is not None]
+    if len(found) < len(levels):
+        return False
+    for axis in zip(*(part.steps for part in levels), strict=True):
+        count, same, least, small = (sum(numbers) for numbers in zip(*axis, strict=True))
+        if small - same <= _SMALL * (count - same) or small - least <= _MATTERS * (count - same):
+            return False
+    every: Tensor = torch.unique(torch.cat([torch.unique(radii) for radii in found]))
+    return _FEW < len(every) <= _MANY
+
+
+def without_terraces(signed_radius: Tensor) -> Tensor:
+    """Radii [H, W] px without small steps."""
+    r = signed_radius.detach()
+    steps = _at_a_step(r, -1) | _at_a_step(r, -2)
+    if not bool(steps.any()):
+        return signed_radius
+    at = places_of(extreme_around(steps, _WIDE - 1, torch.maximum))
+    down, across = _smoothed(signed_radius, at, 0), _smoothed(signed_radius, at, 1)
+    return (_smoothed(down, at, 1) + _smoothed(across, at, 0)) / 2  # no axis is the first
+
+
+def _smoothed(radii: Tensor, at: Tensor, dim: int) -> Tensor:
+    """Radii [H, W] of which some, at [n, 2], are means along an axis.
+
+    As far to both sides as the surface goes on: a slope stays as it is.
+    """
+    length, stride = radii.shape[dim], (radii.shape[1], 1)[dim]
+    flat, index = radii.flatten(), at[:, 0] * radii.shape[1] + at[:, 1]
+    total = flat.index_select(0, index)
+    count, goes_on = torch.ones_like(total), torch.ones_like(index, dtype=torch.bool)
+    ends = (total, total)
+    for distance in range(1, _WIDE + 1):
+        goes_on = goes_on & (at[:, dim] >= distance) & (at[:, dim] < length - distance)
+        shift = distance * stride * goes_on
+        further = [flat.index_select(0, index + way * shift) for way in (-1, 1)]
+        for end, next_end in zip(ends, further, strict=True):
+            goes_on = goes_on & ((next_end - end).detach().abs() <= _MOST)
+        total = total + torch.where(goes_on, further[0] + further[1], 0.0)
+        count += 2 * goes_on
+        ends = (further[0], further[1])
+    return flat.index_copy(0, index, total / count).reshape(radii.shape)
+
+
+def _at_a_step(r: Tensor, dim: int) -> Tensor:
+    """The pixels [H, W] on both sides of small steps between terraces along an axis."""
+    found = torch.zeros_like(r, dtype=torch.bool)
+    before, here, after = steps_beside(r, dim)
+    small = (here > _LEAST) & (here <= _MOST) & (torch.maximum(before, after) < _FLAT * here)
+    if n := small.shape[dim]:
+        for first in (1, 2):
+            found.narrow(dim, first, n).logical_or_(small)
+    return found

@@ -1,0 +1,1 @@
+"""A picture through the pipeline: preparation, regions, layer order, hidden fill and drafts."""

@@ -1,0 +1,124 @@
+"""Statistics of a picture: ends, steepness, brightness, levels of its depth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import (
+    _SOME,
+    _Depth,
+    _depth_of,
+    _mending,
+)
+from defocus_core.depth.repair import Mending
+from defocus_core.images.box import Box
+from defocus_core.images.order_statistics import Ranks, counted
+from defocus_core.images.source import Pixels, banded, bands
+from defocus_core.runtime.threads import threaded
+
+# Px of radius: any picture is a point beside it.
+MOST = 1e8
+
+
+class Survey(NamedTuple):
+    """A picture in a few numbers. The brightness of a pixel is that of its brightest channel.
+
+    Attributes:
+        least: Signed radius in px.
+        most: The same.
+        steepest: Greatest differences of radius between neighbours in px: down, across.
+        mending: What depth needs.
+        darkest: Least value of all channels.
+        brightest: Greatest value of all channels.
+        brightness: Of all pixels.
+        lit: Brightness of some pixels, evenly spread.
+        black: How many of these are not positive.
+    """
+
+    least: float
+    most: float
+    steepest: tuple[float, float]
+    mending: Mending
+    darkest: float
+    brightest: float
+    brightness: Ranks
+    lit: Ranks
+    black: int
+
+
+def survey(
+    pixels: Pixels,
+    signed_radius: Pixels,
+    dtype: torch.dtype,
+    threads: int,
+    infinity: float | None = None,
+) -> Survey:
+    """Look at each pixel once.
+
+    Args:
+        pixels: [C, H, W].
+        signed_radius: [H, W] px.
+        dtype: To compute in.
+        threads: Bands of rows looked at at once.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+
+    Raises:
+        ValueError: If a value is not finite, or a radius is beyond `MOST`.
+    """
+    H, W = signed_radius.shape
+
+    def looked_at(rows: tuple[int, int]) -> tuple[_Depth, Tensor, list[Tensor]]:
+        """What a band tells, its least and greatest value, and counts that add up."""
+        some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
+        brightness = some.amax(0)
+        few = _few(brightness, rows[0])
+        counts = [counted(brightness), counted(few), (few <= 0).sum()]
+        depth = _depth_of(signed_radius, rows, dtype, infinity)
+        return depth, torch.stack([some.amin(), brightness.amax()]), counts
+
+    told: list[_Depth] = []
+    values: list[Tensor] = []
+    total: list[Tensor] = []
+    for depth, pair, counts in threaded(looked_at, bands(H, W), threads):
+        told.append(depth)
+        values.append(pair)
+        total = [a + b for a, b in zip(total, counts, strict=True)] if total else counts
+    brightness, lit, black = total
+    least, most, down, across = torch.stack([depth.ends for depth in told]).unbind(1)
+    darkest, brightest = torch.stack(values).unbind(1)
+    ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
+    for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
+        if not bool(torch.isfinite(pair).all()):
+            raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
+    if max(-ends[0], ends[1]) > MOST:
+        raise ValueError(
+            f"signed_radius must be within {MOST:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            "check the units of depth and lens, and write inf for sky"
+        )
+
+    def brightness_again() -> Iterator[Tensor]:
+        return (band.to(dtype).amax(0) for band in banded(pixels))
+
+    def lit_again() -> Iterator[Tensor]:
+        return map(_few, brightness_again(), (first for first, _ in bands(H, W)))
+
+    return Survey(
+        least=float(ends[0]),
+        most=float(ends[1]),
+        steepest=(float(down.amax()), float(across.amax())),
+        mending=_mending(signed_radius, told, infinity),
+        darkest=float(ends[2]),
+        brightest=float(ends[3]),
+        brightness=Ranks(brightness, brightness_again, dtype),
+        lit=Ranks(lit, lit_again, dtype),
+        black=int(black),
+    )
+
+
+def _few(brightness: Tensor, first: int) -> Tensor:
+    """Some pixels of a band that begins at a row: the same of the frame, however it is banded."""
+    return brightness[-first % _SOME :: _SOME, ::_SOME]

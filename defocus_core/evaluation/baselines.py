@@ -1,0 +1,100 @@
+"""What the renderer has to beat: layered methods without occlusion of their own, frame by frame.
+
+They use the ladder, the kernels and the transforms of the renderer, and nothing else of it: no
+hidden content, no tiles, no highlights apart. Their time is that of one blur a slice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from defocus_core.blur.fourier import kernel_spectra, kernels, reach, transform_length
+from defocus_core.layers.ladder import membership, position, rungs
+from defocus_core.layers.quality import find
+from defocus_core.optics.aperture import FULL, Aperture
+from defocus_core.runtime.threads import threaded
+
+# Guards 0 / 0 where no slice covers a pixel.
+_LEAST_COVERAGE = 1e-6
+
+
+def plain_sum(
+    image: Tensor,
+    signed_radius: Tensor,
+    *,
+    aperture: Aperture | None = None,
+    quality: str = "standard",
+    threads: int = 1,
+) -> Tensor:
+    """The sum of all blurred slices, divided by the sum of their coverage: nothing occludes.
+
+    Args:
+        image: [C, H, W], linear light.
+        signed_radius: [H, W] px, negative nearer than focus.
+        aperture: The pupil, a round one by default.
+        quality: Whose ladder of slices to use.
+        threads: Channels transformed at once.
+
+    Returns:
+        [C, H, W].
+    """
+    slices = _blurred_slices(image, signed_radius, aperture or Aperture(), quality, threads)
+    total = next(slices).clone()
+    for layer in slices:
+        total += layer
+    return total[:-1] / total[-1:].clamp(min=_LEAST_COVERAGE)
+
+
+def over(
+    image: Tensor,
+    signed_radius: Tensor,
+    *,
+    aperture: Aperture | None = None,
+    quality: str = "standard",
+    threads: int = 1,
+) -> Tensor:
+    """Blurred slices composited front to back by `over` (Porter & Duff 1984), divided by alpha.
+
+    Arguments and result are those of `plain_sum`.
+    """
+    slices = _blurred_slices(image, signed_radius, aperture or Aperture(), quality, threads)
+    seen = next(slices).clone()
+    for layer in slices:
+        seen = seen + (1 - seen[-1:]) * layer
+    return seen[:-1] / seen[-1:].clamp(min=_LEAST_COVERAGE)
+
+
+def _blurred_slices(
+    image: Tensor, signed_radius: Tensor, aperture: Aperture, quality: str, threads: int
+) -> Iterator[Tensor]:
+    """Each slice [C + 1, H, W] that holds a pixel, nearest first: colour, then coverage."""
+    radii = rungs(float(signed_radius.min()), float(signed_radius.max()), find(quality))
+    places = position(signed_radius.to(image.dtype), radii)
+    pixels = torch.cat([image, torch.ones_like(image[:1])])
+    for k, radius in enumerate(radii):
+        share = membership(places, places.new_tensor([k]))  # [1, H, W]
+        if bool(share.any()):
+            yield _blurred(pixels * share, radius, aperture, threads)
+
+
+def _blurred(layer: Tensor, radius: float, aperture: Aperture, threads: int) -> Tensor:
+    """A layer [C + 1, H, W] convolved with the kernel of a radius, black beyond the frame."""
+    H, W = layer.shape[-2:]
+    extent = reach(radius, max(H, W) - 1)
+    if extent == 0:
+        return layer
+    rows, columns = (transform_length(max(n + extent, 2 * extent + 1)) for n in (H, W))
+    kernel = kernels(torch.tensor([radius], dtype=torch.float64), extent, aperture, [FULL])[:, 0]
+    response = kernel_spectra(kernel[0], (rows, columns))
+    response = response.to(layer.device, torch.promote_types(layer.dtype, torch.complex64))
+
+    def blurred(channel: Tensor) -> Tensor:
+        spectrum = torch.fft.rfft2(channel, s=(rows, columns)) * response[0]
+        spread: Tensor = torch.fft.irfft2(spectrum, s=(rows, columns))
+        return spread[:H, :W]
+
+    *color, coverage = threaded(blurred, layer.unbind(), threads)
+    return torch.stack([*color, coverage.clamp(0, 1)])  # transforms leave ±1e-8

@@ -1,0 +1,159 @@
+"""What rendering a picture takes: its work, and a bound of its memory, told before it is rendered.
+
+The renderer's own rules give the slices, tiles and regions of the picture. A look at its radii says
+which slices reach which tiles, and where edges of depth are, behind which content is invented. Work
+is counted in one unit, about the work on a pixel that is copied; how many a machine does in a
+second is for the caller to measure. Memory is counted so that no picture takes more.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.engine.frame import Frame
+from defocus_core.engine.unchanged_parts import blurred_part
+from defocus_core.images.box import Box
+from defocus_core.images.neighbourhoods import extreme_around
+from defocus_core.images.source import Pixels
+from defocus_core.images.tiling import BLOCK, Grid, regions
+from defocus_core.layers.block_index import blocks_of, visible_slices
+from defocus_core.layers.ladder import position
+from defocus_core.layers.matting import EDGE
+from defocus_core.runtime.threads import AHEAD
+from defocus_core.stream import Stream
+
+# Units of work, as they explain the times of 42 pictures of seven kinds within a factor of two: for
+# a picture, and for a sample of a pixel that is computed, of one that a draft enlarges, of a slice
+# in a tile, and of what is invented behind an edge, for each px of blur; the last times so many
+# where hidden content is not halved.
+_PICTURE, _COMPUTED, _ENLARGED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 4.0, 66.0, 5.0
+# Bytes beside what is counted: of the program's own structures, and of the tile of each thread.
+_FIXED, _OF_THREAD = 10e6, 24e6
+# Copies of a region that are held while it is computed: of its pixels, of those of hidden surfaces,
+# and of those of the left and right views.
+_COPIES, _HIDDEN_COPIES, _VIEW_COPIES = 9, 3, 3
+_STRIP = 1 << 20  # pixels that are looked at together
+
+
+class Cost(NamedTuple):
+    """The work of a rendering.
+
+    Attributes:
+        slices: Of the ladder.
+        tiles: Of the frame.
+        slice_tiles: Steps of slice and tile of a renderer that skips nothing.
+        slice_tiles_seen: Those in which the tile sees the slice; hidden content adds to them.
+        work: In units.
+    """
+
+    slices: int
+    tiles: int
+    slice_tiles: int
+    slice_tiles_seen: int
+    work: float
+
+
+def cost(stream: Stream) -> Cost:
+    """The work of rendering a picture, of which the radii are read once."""
+    frame, radius = stream.frame, stream.picture.signed_radius
+    grids = _computed(stream)
+    tiles = [tile for grid in grids for tile in grid.tiles]
+    blocks, edges = _looked_at(frame, radius)
+    plan = visible_slices(blocks, frame.reaches, tiles) if tiles else []
+    seen = sum(map(len, plan))
+    samples = stream.picture.image.shape[0] + 1
+    around = sum(_around(frame, grid).area for grid in grids)
+    full_size = 1.0 if frame.quality.hidden_halvings else _AT_FULL_SIZE
+    pixels = stream.size[0] * stream.size[1]
+    work = (
+        pixels * (3 if frame.left_right else 1)
+        + _COMPUTED * (1.4 if frame.left_right else 1.0) * around
+        + _ENLARGED * pixels * stream.picture.at_half_size
+        + _SLICED * (1 + len(frame.parts) / 4) * _samples_sliced(frame, tiles, plan)
+        + _BEHIND * full_size * edges * max(map(abs, frame.ends))
+    )
+    slices, count = len(frame.radii), len(frame.grid.tiles)
+    return Cost(slices, count, 2 * slices * count, seen, _PICTURE + samples * work)
+
+
+def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
+    """Bytes that rendering holds at most beside its input and output.
+
+    Args:
+        stream: The picture.
+        threads: That compute.
+        at_once: Regions computed at once at most.
+    """
+    frame, channels = stream.frame, stream.picture.image.shape[0]
+    size = frame.dtype.itemsize
+    sample = (channels + 1) * size
+    pixels = frame.box.area
+    grids = _computed(stream)
+    at_once = max(1, min(at_once, len(grids)))
+    copies = _COPIES + _HIDDEN_COPIES * frame.edges + _VIEW_COPIES * frame.left_right
+    region = max((_around(frame, grid).area for grid in grids), default=0) * sample * copies
+    result = max((grid.box.area for grid in grids), default=0)
+    result *= (channels * (3 if frame.left_right else 1) + 1) * size * (1 + AHEAD * (threads > 1))
+    coarse = pixels * sample * frame.edges * 0.7
+    enlarged = (
+        3 * stream.picture.at_half_size * pixels * sample * isinstance(stream.picture.image, Tensor)
+    )
+    spectra = 2 * _bytes_of_spectra(frame)
+    whole = _FIXED + coarse + enlarged + spectra
+    return whole + threads * _OF_THREAD + at_once * (region + result)
+
+
+def cells_bytes(shape: tuple[int, ...]) -> float:
+    """Bytes of the cells of a draft of a picture [C, H, W], if they are held."""
+    channels, height, width = shape
+    return 3.0 * (channels + 2) * (height // 2 + 1) * (width // 2 + 1) * 4
+
+
+def _computed(stream: Stream) -> list[Grid]:
+    """The regions that are no copies, cut to what is blurred."""
+    frame, radius = stream.frame, stream.picture.signed_radius
+    every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    parts = (blurred_part(frame, grid, radius) for grid in every)
+    return [part for part in parts if part]
+
+
+def _around(frame: Frame, grid: Grid) -> Box:
+    """A region with the pixels around it that it depends on."""
+    return grid.box.grown(frame.margin, frame.box)
+
+
+def _looked_at(frame: Frame, radius: Pixels) -> tuple[Tensor, int]:
+    """Blocks [K, rows, columns] in which slices have pixels, and the number of pixels at edges."""
+    (height, width), blocks, edges = frame.size, [], 0
+    rows = max(1, _STRIP // width // BLOCK) * BLOCK
+    for first in range(0, height, rows):
+        band = radius[first : first + rows].detach()
+        blocks.append(blocks_of(position(band.to(frame.dtype), frame.radii), len(frame.radii)))
+        if frame.edges:
+            least, most = (extreme_around(band, 1, end) for end in (torch.minimum, torch.maximum))
+            edges += int((most - least > EDGE).sum())
+    return torch.cat(blocks, 1), edges
+
+
+def _samples_sliced(frame: Frame, tiles: list[Box], plan: list[list[int]]) -> float:
+    """Pixels of tiles with their margins, at the resolution of each slice that they see."""
+    total = 0.0
+    for tile, rungs in zip(tiles, plan, strict=True):
+        for rung in rungs:
+            window = frame.windows[rung]
+            if window.margin:
+                step, margin = 1 << window.halvings, 2 * window.margin
+                total += (tile.height / step + margin) * (tile.width / step + margin)
+    return total
+
+
+def _bytes_of_spectra(frame: Frame) -> float:
+    """Bytes of the spectra of the kernels of all slices, visible and hidden."""
+    invented = frame.invented.windows[:: frame.invented.stride] if frame.edges else []
+    sizes = (window.size for window in [*frame.windows, *invented] if window.margin)
+    return float(
+        sum(2 * h * (w // 2 + 1) * len(frame.parts) * frame.dtype.itemsize for h, w in sizes)
+    )

@@ -1,0 +1,86 @@
+"""How a law is checked: where to render, what a check says, and how a scene is rendered for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from defocus_core.evaluation.law_probes import Scene
+from defocus_core.images.views import Views
+from defocus_core.optics.aperture import Aperture
+from defocus_core.render import render
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How to render what is measured.
+
+    Attributes:
+        device: Where to compute, as torch calls it.
+        quality: As for `render`.
+        threads: As for `render`.
+    """
+
+    device: str = "cpu"
+    quality: str = "standard"
+    threads: int = 1
+
+
+@dataclass(frozen=True)
+class Check:
+    """One number that a law bounds.
+
+    Attributes:
+        law: Its name.
+        measured: What was measured.
+        unit: Unit of the value and the bound.
+        value: The worst value found, None if there was nothing to measure it on.
+        bound: What it may be at most.
+    """
+
+    law: str
+    measured: str
+    unit: str
+    value: float | None
+    bound: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the law holds; what was not measured was not broken, NaN was."""
+        return self.value is None or self.value <= self.bound
+
+
+def rendered(
+    scene: Scene,
+    setting: Setting,
+    dtype: torch.dtype,
+    *,
+    aperture: Aperture | None = None,
+    left_right: bool = True,
+    threads: int | None = None,
+) -> Views:
+    """The rendering of a scene, with `setting.threads` unless told otherwise."""
+    image, radius = (x.to(setting.device, dtype).contiguous() for x in scene)
+    return render(
+        image,
+        radius,
+        aperture=aperture,
+        quality=setting.quality,
+        left_right=left_right,
+        threads=threads or setting.threads,
+    )
+
+
+def pictures(seen: Views) -> tuple[Tensor, Tensor, Tensor]:
+    """Centre, left and right."""
+    assert seen.left is not None
+    assert seen.right is not None
+    return seen.render, seen.left, seen.right
+
+
+def greatest(values: list[float]) -> float:
+    """The greatest; NaN if one is, as max() would not say."""
+    return math.nan if any(map(math.isnan, values)) else max(values)

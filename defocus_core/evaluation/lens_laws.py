@@ -1,0 +1,244 @@
+"""The laws of the lens, measured on what the renderer makes of small pictures.
+
+Each law is a function of a `Setting` that returns `Check`s: numbers with their bounds. Discs,
+symmetries and the gradient are measured in float64, where rounding does not hide a fault; pictures
+in float32, as they are rendered for the user.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from defocus_core.evaluation.invariance_laws import devices, rounding, same_bytes, tiles
+from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
+from defocus_core.evaluation.law_probes import (
+    SIZE,
+    Scene,
+    card,
+    centroid,
+    disc_radius,
+    noise,
+    rim_width,
+    scenes,
+    shift,
+    slope,
+    spot,
+    strips,
+    wave,
+    waves,
+    worst,
+    worst_relative,
+)
+from defocus_core.layers.quality import find
+from defocus_core.optics.aperture import Aperture
+
+# What the bounds of some checks are where pictures are rendered in cells of two px.
+_IN_CELLS = {
+    "second-moment radius off r, |r| 4 to 32 px": 8.0,
+    "disc of a light, from 90 % to 10 %": 3.0,
+    "of a surface, beyond a step of slices": 2.0,
+    "of the disc, off the point": 2.5,
+    "distance left to right, off 8 r/(3 pi)": 4.0,
+    "near focus, off 8 r/(3 pi), |r| to 1 px": 0.3,
+    "card in focus before blur, change": 0.05,
+    "spill of the card on a plain ground": 1e-3,
+    "slope off a finite difference": 1e-3,
+}
+_RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on rungs and between them
+_NEAR = (0.3, 0.5, 0.8, 1.0)  # px
+_RIM = 1 / 16  # of the radius: what a rim may be wide where resolution is reduced
+_LEAST_RIM = 7.0  # px of radius from which a rim has enough pixels to be measured
+
+
+def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
+    """The checks of one law after the other; there are `len(LAWS)`."""
+    setting = setting or Setting()
+    in_cells = find(setting.quality).half_size
+    for law in LAWS:
+        checks = law(setting)
+        if in_cells:
+            checks = [replace(c, bound=_IN_CELLS.get(c.measured, c.bound)) for c in checks]
+        yield checks
+
+
+def discs(setting: Setting) -> list[Check]:
+    """An isolated point becomes a disc: its radius, rim, place, halves and energy."""
+    step = find(setting.quality)
+    relative: list[float] = []
+    slopes, centres, halves, sums = [], [], [], []
+    rims: dict[bool, list[float]] = {True: [], False: []}
+    for light in (True, False):
+        lengths = []
+        for r in (sign * size for size in _RADII for sign in (1, -1)):
+            whole, left, right = _responses(r, light, setting)
+            lengths.append((abs(r), disc_radius(whole)))
+            centres.append(math.hypot(*centroid(whole)))
+            sums.append(abs(float(whole.sum()) - 1))
+            # pixels show halves 1/(3 pi r) px nearer to each other: the axis cuts a column in two
+            apart = (8 * r - 1 / r) / (3 * math.pi)
+            seen = centroid(right)[0] - centroid(left)[0]
+            halves.append(abs(seen / apart - 1))
+            if abs(r) >= _LEAST_RIM:
+                ladder = 0.0 if light else max(step.near_spacing, step.far_spacing * abs(r))
+                least = 1.0 if light else max(1.0, _RIM * abs(r))
+                rims[light].append((rim_width(whole, r) - ladder) / least)
+        fit = sum(r * seen for r, seen in lengths) / sum(r * r for r, _ in lengths)
+        slopes.append(abs(fit - 1))
+        relative += [abs(seen / r - 1) for r, seen in lengths]
+    return [
+        Check("PSF radius", "slope of second-moment radius over r, off 1", "%", _pc(slopes), 1.0),
+        Check("PSF radius", "second-moment radius off r, |r| 4 to 32 px", "%", _pc(relative), 1.0),
+        Check("sharp rim", "disc of a light, from 90 % to 10 %", "px", greatest(rims[True]), 1.0),
+        Check(
+            "sharp rim",
+            "of a surface, beyond a step of slices",
+            "px or r/16",
+            greatest(rims[False]),
+            1.0,
+        ),
+        Check("centroid", "of the disc, off the point", "px", greatest(centres), 0.01),
+        Check("half discs", "distance left to right, off 8 r/(3 pi)", "%", _pc(halves), 1.0),
+        Check("energy", "sum of an isolated point, off 1", "-", greatest(sums), 1e-6),
+    ]
+
+
+def near_focus(setting: Setting) -> list[Check]:
+    """Halves are as far apart as the formula says within a pixel, too."""
+    off = []
+    for r in (sign * size for size in _NEAR for sign in (1, -1)):
+        radius = torch.full(SIZE, r, dtype=torch.float64)
+        _, left, right = pictures(rendered(Scene(wave(), radius), setting, torch.float64))
+        off.append(abs(shift(right) - shift(left) - 8 * r / (3 * math.pi)))
+    measured = "near focus, off 8 r/(3 pi), |r| to 1 px"
+    return [Check("half discs", measured, "px", greatest(off), 0.01)]
+
+
+def white(setting: Setting) -> list[Check]:
+    """A constant picture stays constant over any depth, borders included."""
+    checks = []
+    for name, aperture in (("round", Aperture()), ("6 blades", Aperture(6, 10.0))):
+        off = []
+        for radius in (slope(), strips(), noise()):
+            scene = Scene(torch.ones(3, *SIZE), radius)
+            seen = rendered(scene, setting, torch.float32, aperture=aperture)
+            off += [worst(picture - 1) for picture in pictures(seen)]
+        measured = f"white over slope, steps, noise; {name}"
+        checks.append(Check("white stays white", measured, "-", greatest(off), 1e-5))
+    return checks
+
+
+def left_and_right(setting: Setting) -> list[Check]:
+    """Left and right together are twice the centre, occlusions included."""
+    off = []
+    for scene in scenes():
+        centre, left, right = pictures(rendered(scene, setting, torch.float32))
+        off.append(worst_relative(left + right - 2 * centre, centre))
+    measured = "left + right - 2 centre, of the local maximum"
+    return [Check("left + right", measured, "-", greatest(off), 1e-4)]
+
+
+def focus(setting: Setting) -> list[Check]:
+    """What is in focus stays as it is."""
+    scene = Scene(waves(), torch.zeros(SIZE))
+    seen = rendered(scene, setting, torch.float32)
+    off = [worst(picture - scene.image.to(picture)) for picture in pictures(seen)]
+    return [Check("focus", "picture in focus, change", "-", greatest(off), 1e-6)]
+
+
+def occlusion(setting: Setting) -> list[Check]:
+    """Nearer covers farther, never the reverse."""
+    covered, spilt = [], []
+    for background_r in (3.0, 9.0):
+        scene = card(0.0, background_r)
+        on_card = (scene.signed_radius == 0).to(setting.device)
+        seen = rendered(scene, setting, torch.float32)
+        for picture in pictures(seen):
+            covered.append(worst((picture - scene.image.to(picture))[:, on_card]))
+        plain = card(0.0, background_r, plain=True)
+        for picture in pictures(rendered(plain, setting, torch.float32)):
+            spilt.append(worst((picture - plain.image.to(picture))[:, ~on_card]))
+    law = "nearer covers"
+    return [
+        Check(law, "card in focus before blur, change", "-", greatest(covered), 1e-5),
+        Check(law, "spill of the card on a plain ground", "-", greatest(spilt), 1e-5),
+    ]
+
+
+def symmetry(setting: Setting) -> list[Check]:
+    """Flips and quarter turns change nothing; a mirror swaps left and right."""
+    flips, turns = [], []
+    for image, radius in scenes():
+        centre, left, right = pictures(rendered(Scene(image, radius), setting, torch.float64))
+        mirrored = Scene(image.flip(-1), radius.flip(-1))
+        upset = Scene(image.flip(-2), radius.flip(-2))
+        turned = Scene(image.rot90(1, (-2, -1)), radius.rot90())
+        for scene, axis, expected in (
+            (mirrored, -1, (centre, right, left)),
+            (upset, -2, (centre, left, right)),
+        ):
+            seen = pictures(rendered(scene, setting, torch.float64))
+            flips += [worst(a.flip(axis) - b) for a, b in zip(seen, expected, strict=True)]
+        seen_turned = rendered(turned, setting, torch.float64, left_right=False).render
+        turns.append(worst(seen_turned.rot90(-1, (-2, -1)) - centre))
+    return [
+        Check("symmetry", "flips, a mirror swaps left and right", "-", greatest(flips), 1e-10),
+        Check("symmetry", "quarter turn of the centre", "-", greatest(turns), 1e-10),
+    ]
+
+
+def gradient(setting: Setting) -> list[Check]:
+    """The gradient to image and radius is that of finite differences, along one direction."""
+    size, generator = (9, 11), torch.Generator().manual_seed(0)
+    radius = slope(size) / 4 + 0.013  # off the rungs of the ladder, where slopes change
+    radius[3:6, 4:8] -= 3.1  # a nearer card
+
+    def random(*shape: int) -> Tensor:
+        return torch.randn(*shape, generator=generator, dtype=torch.float64).to(setting.device)
+
+    weight, directions = random(3, *size), (random(3, *size), random(*size))
+    at = [x.to(setting.device).requires_grad_() for x in (waves(size), radius)]
+
+    def seen(step: float) -> Tensor:
+        moved = [x + step * d for x, d in zip(at, directions, strict=True)]
+        scene = Scene(moved[0], moved[1])
+        rendering = rendered(scene, setting, torch.float64, left_right=False)
+        return (rendering.render * weight).sum()
+
+    slopes = torch.autograd.grad(seen(0.0), at, materialize_grads=True)
+    exact = sum(float((s * d).sum()) for s, d in zip(slopes, directions, strict=True))
+    step = 1e-6
+    with torch.no_grad():
+        finite = float(seen(step) - seen(-step)) / (2 * step)
+    off = abs(exact - finite) / max(abs(finite), 1e-12)
+    return [Check("gradient", "slope off a finite difference", "-", off, 1e-5)]
+
+
+LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
+    discs,
+    near_focus,
+    white,
+    left_and_right,
+    focus,
+    occlusion,
+    tiles,
+    same_bytes,
+    rounding,
+    symmetry,
+    gradient,
+    devices,
+)
+
+
+def _responses(r: float, light: bool, setting: Setting) -> tuple[Tensor, ...]:
+    """What becomes of a point of sum 1 in centre, left and right: [n, n] each."""
+    seen = pictures(rendered(spot(r, light=light), setting, torch.float64))
+    return tuple(picture[0] if light else 1 - picture[0] for picture in seen)
+
+
+def _pc(shares: list[float]) -> float:
+    return 100 * greatest(shares)

@@ -1,0 +1,1 @@
+"""Pictures as tensors and windows of them: tiling, pyramids, resampling, neighbourhoods."""

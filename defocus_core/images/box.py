@@ -1,0 +1,89 @@
+"""Rectangles of pixels, and spans of rows or columns."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+from defocus_core.images.source import Pixels
+
+
+class Box(NamedTuple):
+    """A rectangle of a picture."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+    @classmethod
+    def over(cls, down: Span, across: Span) -> Box:
+        """The rectangle of some rows and columns."""
+        return cls(down.first, across.first, down.length, across.length)
+
+    @property
+    def sides(self) -> tuple[Span, Span]:
+        """Its rows and its columns."""
+        return Span(self.top, self.top + self.height), Span(self.left, self.left + self.width)
+
+    @property
+    def area(self) -> int:
+        """Its pixels."""
+        return self.height * self.width
+
+    def grown(self, by: int, within: Box) -> Box:
+        """Larger by some px on all sides, cut to what there is."""
+        top, left = max(self.top - by, within.top), max(self.left - by, within.left)
+        below = min(self.top + self.height + by, within.top + within.height)
+        beside = min(self.left + self.width + by, within.left + within.width)
+        return Box(top, left, below - top, beside - left)
+
+    def around(self, by: int) -> Box:
+        """Larger by some px on all sides, wherever that is."""
+        return Box(self.top - by, self.left - by, self.height + 2 * by, self.width + 2 * by)
+
+    def shrunk(self, by: int) -> Box:
+        """Smaller by some px on all sides; its size may become negative."""
+        return self.around(-by)
+
+    def seen_from(self, other: Box) -> Box:
+        """The same rectangle counted from the corner of another."""
+        return Box(self.top - other.top, self.left - other.left, self.height, self.width)
+
+    def of(self, picture: Pixels) -> Tensor:
+        """What it holds of a picture [..., H, W]."""
+        return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
+
+
+class Span(NamedTuple):
+    """Samples from the first to before the end, counted from anywhere."""
+
+    first: int
+    end: int
+
+    @property
+    def length(self) -> int:
+        """How many; not positive if there are none."""
+        return self.end - self.first
+
+    def within(self, other: Span) -> Span:
+        """Those that are in another span, too."""
+        return Span(max(self.first, other.first), min(self.end, other.end))
+
+    def grown(self, by: int) -> Span:
+        """Longer by some samples at both ends."""
+        return Span(self.first - by, self.end + by)
+
+
+def least_transform(lit: Span, seen: Span, margin: int) -> int:
+    """The least length of a circular transform that blurs some samples.
+
+    What wraps around falls outside of what is wanted.
+
+    Args:
+        lit: Samples that are not 0.
+        seen: Those that are wanted, none farther than the margin from the others.
+        margin: Samples that kernels spread to each side.
+    """
+    return max(seen.end - lit.first, lit.end - seen.first) + margin

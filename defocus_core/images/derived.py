@@ -1,0 +1,107 @@
+"""Pictures that are made of others, window by window or all at once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from types import EllipsisType
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.box import Box
+from defocus_core.images.source import Pixels, bands
+from defocus_core.runtime.threads import threaded
+
+# Pixels that are kept in memory of what is made of a picture that is not.
+_HELD = 1 << 22
+
+Cut = slice | EllipsisType
+
+
+class Derived(ABC):
+    """A `Source` [..., H, W] whose windows are made when they are cut.
+
+    Attributes:
+        shape: Of the whole.
+        dtype: Of the numbers.
+        device: Where windows come to lie.
+    """
+
+    shape: tuple[int, ...]
+    dtype: torch.dtype
+    device: torch.device
+
+    @abstractmethod
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """Those from the first to before the end."""
+
+    def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
+        """What slices of rows, or of rows and columns, cut; with steps, band by band."""
+        whole = window if isinstance(window, tuple) else (window,)
+        cuts = [cut for cut in whole if isinstance(cut, slice)]
+        cuts += [slice(None)] * (2 - len(cuts))
+        size = self.shape[-2:]
+        (top, below, step), (left, beside, stride) = map(slice.indices, cuts, size)
+        if step == stride == 1:
+            return self.made((top, below), (left, beside))
+        rows = bands(*size)[0][1] // step * step or step
+        some = (
+            self.made((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
+        )
+        return torch.cat([pixels[..., ::step, ::stride] for pixels in some], -2)
+
+    def at_once(self, threads: int) -> Tensor:
+        """All of it, computed in bands."""
+        rows = bands(*self.shape[-2:])
+        return torch.cat(
+            list(threaded(lambda some: self[..., some[0] : some[1], :], rows, threads)), -2
+        )
+
+
+def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
+    """A picture made now and held, or made whenever it is asked for.
+
+    It is held if it may be, if what it is made of is in memory itself, and if it is not large.
+
+    Args:
+        picture: What is to be made.
+        of: What it is made of.
+        threads: Bands that are made at once.
+        hold: Whether there is room for it.
+    """
+    in_memory = all(isinstance(each, Tensor) for each in of)
+    if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= _HELD:
+        return picture.at_once(threads)
+    return picture
+
+
+class Mended(Derived):
+    """Radii [H, W] px, changed by what depends on a few pixels around."""
+
+    def __init__(
+        self,
+        signed_radius: Pixels,
+        mend: Callable[..., Tensor],
+        around: int,
+        *others: Pixels,
+    ) -> None:
+        """Nothing is looked at yet.
+
+        Args:
+            signed_radius: [H, W] px.
+            mend: What changes them.
+            around: Px around a pixel that decide what it becomes.
+            others: What else of the frame, [..., H, W], is given to that.
+        """
+        self._given, self._mend, self._around = (signed_radius, *others), mend, around
+        self.shape = tuple(signed_radius.shape)
+        self.dtype = signed_radius.dtype
+        self.device = signed_radius.device
+
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """Those from the first to before the end."""
+        (top, below), (left, beside) = rows, columns
+        box = Box(top, left, below - top, beside - left)
+        around = box.grown(self._around, Box(0, 0, *self.shape[-2:]))
+        return box.seen_from(around).of(self._mend(*map(around.of, self._given)))

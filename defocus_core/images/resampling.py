@@ -1,0 +1,111 @@
+"""Pictures at reduced resolution, read in between: by cubics if they are smooth, else by tents."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.images.box import Box
+from defocus_core.images.pyramid import Axis, place_of
+
+# Cells from one block of pixels to the next: products with larger ones are mostly with zeros.
+_STRIDE = 8
+
+
+class Shares(NamedTuple):
+    """The shares of cells in pixels along an axis, in blocks of pixels that all have the same.
+
+    Attributes:
+        block: [P, K], of K cells in the P pixels of a block.
+        lead: The first cell of the first block; cells that are not there are 0.
+        pixels: How many there are.
+    """
+
+    block: Tensor
+    lead: int
+    pixels: int
+
+    def scaled(self, times: float) -> Shares:
+        """Those of cells so many times as bright."""
+        return self._replace(block=self.block * times)
+
+
+def cubic_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
+    """The cubic of Keys 1981 with a = -1/2.
+
+    Args:
+        first: Where the first pixel lies, counted in cells from the first of these.
+        pixels: How many there are.
+        step: Cells from one pixel to the next, a power of a half.
+        like: Of the dtype and device of the result.
+    """
+    away, lead = _away(first, pixels, step, 2, like)
+    near = (1.5 * away - 2.5) * away * away + 1
+    far = ((2.5 - 0.5 * away) * away - 4) * away + 2
+    return Shares(torch.where(away < 1, near, torch.where(away < 2, far, 0.0)), lead, pixels)
+
+
+def linear_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
+    """The same by tents: nothing overshoots beside an edge."""
+    away, lead = _away(first, pixels, step, 1, like)
+    return Shares((1 - away).clamp(min=0), lead, pixels)
+
+
+def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:
+    """How many cells each pixel of a block is away from each within reach, and the first of these.
+
+    In blocks whose first pixels are whole numbers of cells apart that is the same.
+    """
+    block = min(pixels, round(_STRIDE / step))
+    lead = math.floor(first) - reach + 1
+    place = torch.arange(block, dtype=like.dtype, device=like.device) * step + (first - lead)
+    cells = math.floor(first - lead + (block - 1) * step) + reach + 1
+    number = torch.arange(cells, dtype=like.dtype, device=like.device)
+    return (place[:, None] - number).abs(), lead
+
+
+def resampled(values: Tensor, rows: Shares, columns: Shares) -> Tensor:
+    """Cells [..., h, w] read in pixels [..., H, W].
+
+    Not in fewer bits than they have, whatever torch may round products to: TensorFloat32 or
+    bfloat16 (`torch.set_float32_matmul_precision`), too coarse for a picture.
+    """
+    if values.dtype == torch.float32 and _products_are_rounded():
+        double = (shares._replace(block=shares.block.double()) for shares in (rows, columns))
+        return resampled(values.double(), *double).float()
+    across = _blocks(values, columns, -1)  # [..., h, n, K]
+    found = across.reshape(-1, across.shape[-1]) @ columns.block.mT
+    found = found.view(*across.shape[:-2], -1)[..., : columns.pixels]
+    down = _blocks(found, rows, -2).mT  # [..., n, K, W]
+    return (rows.block @ down).flatten(-3, -2)[..., : rows.pixels, :]
+
+
+def _blocks(values: Tensor, shares: Shares, dim: int) -> Tensor:
+    """The cells of each block, along a new axis at the end; one of the last two becomes blocks."""
+    block, cells = shares.block.shape
+    needed = (-(-shares.pixels // block) - 1) * _STRIDE + cells
+    missing = (-shares.lead, shares.lead + needed - values.shape[dim])
+    if any(missing):
+        values = pad(values, missing if dim == -1 else (0, 0, *missing))
+    return values.unfold(dim, cells, _STRIDE)
+
+
+def _products_are_rounded() -> bool:
+    """Whether torch may compute products of float32 matrices in fewer bits on some device."""
+    try:
+        return torch.get_float32_matmul_precision() != "highest"
+    except RuntimeError:  # it was set for one device alone
+        return True
+
+
+def cells_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int) -> Box:
+    """The cells between which the pixels of a rectangle lie."""
+    first, end = [], []
+    for d, axes in enumerate(zip(fine, coarse, strict=True)):
+        first.append(math.floor(place_of(box[d], *axes, halvings)))
+        end.append(math.floor(place_of(box[d] + box[d + 2] - 1, *axes, halvings)) + 2)
+    return Box(first[0], first[1], end[0] - first[0], end[1] - first[1])

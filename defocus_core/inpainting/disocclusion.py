@@ -1,0 +1,188 @@
+"""How far edges of depth let the aperture look behind what is in front, and onto what.
+
+The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
+of the near one: the greatest of r_far - |q - far| over all edges says how far anything shows (a
+dilation by a cone). But what shows is what comes next. Behind a wire before a sign this is the
+sign, even where the sky beside the sign would reach; so the closest edge is told, too, and its
+surface is continued if it is the sharper one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.box import Box
+from defocus_core.images.pyramid import Axis, Halves, halves, spread_out
+
+# How much farther, in px of radius, than the surface in front of it hidden content must be; no
+# round number, so that rounding decides nothing.
+STEP = 0.513
+# Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
+DECAY = 0.70710678
+# Where between the radii of the surface that is continued and of the farthest one the ceiling is.
+_CEILING = 0.497
+# Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
+_FINEST = -4
+_LEVELS = 13
+_BITS = 16
+_RADIUS = (1 << _BITS) - 1
+_NOWHERE = -2 << _LEVELS << _BITS
+# Grains by which radii between two of them belong to the greater: depth in half precision has many
+# in the middle.
+_BETWEEN = 0.013
+# Radii beyond this count as this: no frame is as wide.
+_MOST = 4096.0
+# Pixels that are dilated at once.
+_PIXELS = 1 << 20
+
+
+class Revealed(NamedTuple):
+    """What may show behind some cells.
+
+    Attributes:
+        shown: [h, w] px, the radius in front of which it shows; below all radii where nothing does.
+        source: [h, w] px, that of the edge it goes on from.
+        ceiling: [h, w] px, from which on a radius belongs to what lies behind that again; infinite
+            where nothing does.
+    """
+
+    shown: Tensor
+    source: Tensor
+    ceiling: Tensor
+
+
+class Reach(NamedTuple):
+    """Edges of a frame, as its cells of half of the resolution see them.
+
+    Radii are integers, in grains.
+
+    Attributes:
+        farthest: [h, w], the greatest cone in the upper bits, and the radius of its edge in the
+            lower ones.
+        closest: [h, w], minus the px to the closest edge, and its radius likewise.
+        grain: Px.
+        fine: Where the middle of the frame is at full resolution.
+    """
+
+    farthest: Tensor
+    closest: Tensor
+    grain: float
+    fine: tuple[Axis, Axis]
+
+    def behind(
+        self, near: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
+    ) -> Revealed:
+        """What may show behind each cell.
+
+        Args:
+            near: [height, width] px, the surface in front.
+            cells: Of the frame at full (0) or half (1) of its resolution, from some corner.
+            middle: Where the middle of the frame is from there.
+            halvings: 0 or 1.
+        """
+        cone, far = self._told(self.farthest, cells, middle, halvings)
+        # two pixels of neighbouring cells may be a px apart, and not two
+        cone = torch.minimum(cone + math.floor(DECAY / self.grain), far)
+        shown, source = cone.to(near.dtype) * self.grain, far.to(near.dtype) * self.grain
+        away, radius = self._told(self.closest, cells, middle, halvings)
+        spent, next_one = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
+        comes_next = (next_one - spent > near + STEP) & (source > next_one + STEP)
+        # what is blurred more hardly shows that a part of it is missing
+        comes_next = comes_next & (next_one.abs() <= source.abs())
+        return Revealed(
+            torch.where(comes_next, next_one - spent, shown),
+            torch.where(comes_next, next_one, source),
+            torch.where(comes_next, torch.lerp(next_one, source, _CEILING), torch.inf),
+        )
+
+    def _told(
+        self, edges: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
+    ) -> tuple[Tensor, Tensor]:
+        """The upper and the lower bits of some cells."""
+        cuts = []
+        for d, axis in enumerate(middle):
+            fine, start, length = self.fine[d].middle, cells[d] - axis.middle, cells[d + 2]
+            # the middle is an even number of pixels after the beginning of the first cell
+            origin = (fine + fine % 2) // 2
+            if halvings:
+                first, last = start + origin, start + origin + length - 1
+            else:
+                start += 2 * origin
+                first, last = start // 2, (start + length - 1 + axis.odd) // 2
+                cuts.append(slice(start - 2 * first, start - 2 * first + length))
+            edges = edges.narrow(d, first, last + 1 - first)
+        if not halvings:
+            edges = spread_out(edges, (middle[0].odd, middle[1].odd))[cuts[0], cuts[1]]
+        return edges >> _BITS, (edges & _RADIUS) - (1 << _LEVELS)
+
+
+def grain_of(least: float, most: float) -> float:
+    """Px that tell radii between two apart."""
+    largest = min(max(-least, most, 1.0), _MOST)
+    return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
+
+
+def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
+    """The radii of the farther pixels at edges, at half resolution: cones that reach nowhere yet.
+
+    Args:
+        r: [H, W] px.
+        farther: Numbers of these pixels.
+        grain: Px.
+        middle: Of the frame.
+    """
+    grains = r.flatten()[farther].clamp(-_MOST, _MOST) / grain
+    radii = (grains + _BETWEEN).round().to(torch.int32)
+    row = farther.div(r.shape[1], rounding_mode="floor")
+    column = farther - row * r.shape[1]
+    source = (radii << _BITS) + (radii + (1 << _LEVELS))
+    down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
+    cone = source.new_full((down.length * across.length,), _NOWHERE)
+    for cell_down in _cells(row, down):
+        for cell_across in _cells(column, across):
+            cone.scatter_reduce_(0, cell_down * across.length + cell_across, source, "amax")
+    return cone.reshape(down.length, across.length)
+
+
+def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
+    """How far edges [h, w] from `edges_in_cells` reach, whose radii differ by `span` px at most.
+
+    The edges are overwritten.
+    """
+    closest = torch.where(edges == _NOWHERE, _NOWHERE, edges & _RADIUS)
+    return Reach(
+        _dilated(edges, math.floor(DECAY / grain), span / grain),
+        _dilated(closest, 1, span),
+        grain,
+        fine,
+    )
+
+
+def _cells(place: Tensor, axis: Halves) -> list[Tensor]:
+    """The one or two cells of half resolution that pixels are part of, along an axis."""
+    place = place + axis.before
+    if not axis.axis.odd:
+        return [place.div(2, rounding_mode="floor")]
+    return [place.div(2, rounding_mode="floor"), (place + 1).div(2, rounding_mode="floor")]
+
+
+def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
+    """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
+    reached, stride = 0, 1
+    while 2 * reached * decay < span:
+        fall = (2 * decay * stride) << _BITS
+        for dim in (0, 1):
+            n = edges.shape[dim] - stride
+            if n < 1:
+                continue
+            for some in torch.split(edges, max(1, _PIXELS // edges.shape[dim]), 1 - dim):
+                fallen = some - fall
+                for target, source in ((0, stride), (stride, 0)):
+                    side = some.narrow(dim, target, n)
+                    torch.maximum(side, fallen.narrow(dim, source, n), out=side)
+        reached, stride = reached + stride, 2 * stride
+    return edges

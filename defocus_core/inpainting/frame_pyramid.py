@@ -1,0 +1,144 @@
+"""A picture seen coarsely: what regions need to know of the frame around them.
+
+What lies behind an edge of depth is continued from pictures of a quarter of the resolution and
+less, made once for the whole frame. So is the map of what the edges reveal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.box import Box
+from defocus_core.images.neighbourhoods import ends_of
+from defocus_core.images.pyramid import Axis, axes, halves
+from defocus_core.images.source import Pixels, banded
+from defocus_core.images.sparse_masks import exceeding, places_of
+from defocus_core.inpainting.coherence_transport import structure
+from defocus_core.inpainting.disocclusion import Reach, edges_in_cells, grain_of, reach_of
+from defocus_core.inpainting.two_layer_pyramid import Level, coarser, pixels_of, stacked
+from defocus_core.runtime.threads import threaded
+
+# Edges of radius, in px per pixel, above which one surface hides another.
+EDGE = 1.013
+# By how much a pixel beside a nearer one counts: it may show a part of that.
+_MIXED = 0.25
+# Rows of a quarter of the resolution, and pixels of the whole one, that are made at once at most;
+# and rows around them that these depend on.
+_BAND, _PIXELS, _AROUND = 32, 1 << 20, 2
+# Levels are made until a cell is this many times as wide as radii differ; no round number, so that
+# rounding decides nothing.
+_WIDER = 1.99
+
+
+class Backdrop(NamedTuple):
+    """A frame, seen coarsely.
+
+    Attributes:
+        levels: Of a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
+            structure tensor.
+        reach: Of its edges.
+        fine: Where the middle of the frame is at full resolution.
+    """
+
+    levels: list[Level]
+    reach: Reach
+    fine: tuple[Axis, Axis]
+
+
+def backdrop(
+    pixels: Pixels,
+    signed_radius: Pixels,
+    limit: float = math.inf,
+    dtype: torch.dtype | None = None,
+    threads: int = 1,
+    ends: tuple[float, float] | None = None,
+) -> Backdrop:
+    """Look at a picture coarsely.
+
+    Args:
+        pixels: [C, H, W] linear.
+        signed_radius: [H, W] px.
+        limit: What is brighter is a highlight, and not continued.
+        dtype: To compute in; None for that of the pixels.
+        threads: Bands of rows looked at at once.
+        ends: Least and greatest radius in px, if they are known.
+    """
+    H, W = signed_radius.shape
+    device = signed_radius.device
+    dtype = dtype or pixels.dtype
+    if ends is None:
+        of_bands = torch.stack([ends_of(b) for b in banded(signed_radius)])
+        ends = (float(of_bands.amin()), float(of_bands.amax()))
+    least, most = ends
+    grain = grain_of(least, most)
+    fine = axes((H, W))
+    half = halves(H, fine[0])
+    quarter = halves(half.length, half.axis)
+
+    def looked_at(rows: tuple[int, int]) -> tuple[Level, Tensor, int, int]:
+        """From some row to another of a quarter of the resolution: these, edges, and both ends."""
+        first, last = (row - quarter.axis.middle for row in rows)
+        top = max(0, fine[0].middle + 4 * (first - _AROUND))
+        below = min(H, fine[0].middle + 4 * (last + _AROUND) + fine[0].odd)
+        band = Box(top, 0, below - top, W)
+        level, edges, halved_rows = _coarsely(
+            band.of(pixels).to(dtype),
+            band.of(signed_radius).to(dtype),
+            limit,
+            grain,
+            axes((H, W), top),
+        )
+        start = 0 if rows[0] == 0 else 2 * first + halved_rows
+        end = edges.shape[0] if rows[1] == quarter.length else 2 * last + halved_rows
+        middle = level.middle[0].middle
+        return level, edges[start:end], first + middle, last + middle
+
+    step = max(1, min(_BAND, _PIXELS // (W << 2)))
+    cuts = [*range(0, quarter.length, step), quarter.length]
+    edges = torch.empty(half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device)
+
+    def put_together() -> Iterator[tuple[Level, int, int]]:
+        done = 0
+        for level, some, first, end in threaded(looked_at, list(pairwise(cuts)), threads):
+            edges[done : done + len(some)] = some
+            done += len(some)
+            yield level, first, end
+
+    levels = [stacked(put_together(), quarter.length, quarter.axis)]
+    while max(levels[-1].size) > 1 and 1 << levels[-1].halvings < _WIDER * (most - least):
+        levels.append(coarser(levels[-1]))
+    return Backdrop(levels, reach_of(edges, grain, most - least, fine), fine)
+
+
+def _coarsely(
+    pixels: Tensor,
+    signed_radius: Tensor,
+    limit: float,
+    grain: float,
+    middle: tuple[Axis, Axis],
+) -> tuple[Level, Tensor, int]:
+    """A quarter of the resolution, edges at half of it, and the row of the middle in these."""
+    r = signed_radius.detach()
+    farther = _beside_edges(r)
+    weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
+    weight.flatten()[farther] *= _MIXED
+    picture = torch.cat([pixels, signed_radius[None]])
+    half = coarser(pixels_of(picture, signed_radius, middle, weight))
+    edges = edges_in_cells(r, farther, grain, middle)
+    return coarser(structure(half)), edges, half.middle[0].middle
+
+
+def _beside_edges(r: Tensor) -> Tensor:
+    """The numbers of the farther pixels at edges of radii [H, W] px."""
+    found = []
+    for dim, stride in ((0, r.shape[1]), (1, 1)):
+        step = r.diff(dim=dim)
+        row, column = places_of(exceeding(step.abs(), EDGE)).unbind(1)
+        found.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
+    return torch.cat(found)

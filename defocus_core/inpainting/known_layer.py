@@ -1,0 +1,53 @@
+"""What is known to lie behind the visible surface: where it matters, and what it leaves unknown."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.box import Box
+from defocus_core.images.pyramid import Axis
+from defocus_core.images.source import Pixels
+from defocus_core.inpainting.disocclusion import STEP
+from defocus_core.inpainting.hidden_layers import HiddenLayer
+from defocus_core.inpainting.region_view import in_cells, in_pixels
+
+
+class Behind(NamedTuple):
+    """What is known of a whole frame, in memory or not; elsewhere than in the mask, anything."""
+
+    color: Pixels
+    signed_radius: Pixels
+    mask: Pixels
+
+    def within(self, box: Box, signed_radius: Tensor, dtype: torch.dtype) -> HiddenLayer:
+        """What is known within a box whose visible radii are [height, width] px."""
+        color, radius, mask = map(box.of, self)
+        mask = mask.bool()
+        color = torch.where(mask, color.to(dtype), 0.0)
+        return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
+
+
+def told_apart(
+    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
+) -> tuple[HiddenLayer, HiddenLayer]:
+    """What of a known layer is hidden, and what of an invented one is needed besides.
+
+    Args:
+        known: [H, W] px.
+        hidden: The same, or at half of the resolution.
+        middle: Of the frame, in px.
+    """
+    size = (known.mask.shape[0], known.mask.shape[1])
+    halved = hidden.mask.shape != known.mask.shape
+    mask, radius = hidden.mask, hidden.signed_radius
+    if halved:
+        mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
+        radius = in_pixels(radius.detach(), size, middle)
+    farther = radius > known.signed_radius + STEP
+    needed = mask & (~known.mask | farther)
+    if halved:
+        needed = hidden.mask & in_cells(needed, middle)
+    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)

@@ -1,0 +1,85 @@
+"""A part of a frame in which something may be hidden, at full or at half of its resolution."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.box import Box
+from defocus_core.images.pyramid import Axis, averaged, halves, spread_out
+from defocus_core.inpainting.two_layer_pyramid import Level
+
+_Axes = tuple[Axis, Axis]
+
+
+class View(NamedTuple):
+    """A picture in which cells are pixels or, at half of the resolution, two by two of them.
+
+    Attributes:
+        picture: [C + 1, h, w], colour and radius in px of what is farthest in each cell.
+        near: [h, w] px, the least radius in each.
+        middle: Where the middle of the frame is among cells.
+        fine: Where it is among pixels.
+        halvings: 0 or 1.
+    """
+
+    picture: Tensor
+    near: Tensor
+    middle: _Axes
+    fine: _Axes
+    halvings: int
+
+    def pixels(self, at: Tensor) -> Tensor:
+        """Rows and columns [n, 2] of pixels, of those of cells or of what lies in between."""
+        step = 1 << self.halvings
+        found = [
+            (at[:, d] - here.middle) * step + there.middle
+            if here.odd
+            else ((at[:, d] - here.middle) * step + there.middle).float() + (step - 1) / 2
+            for d, (here, there) in enumerate(zip(self.middle, self.fine, strict=True))
+        ]
+        return torch.stack(found, 1)
+
+    def cells(self, box: Box) -> Box:
+        """The cells that hold the pixels of a rectangle."""
+        if not self.halvings:
+            return box
+        ends = []
+        for start, length, here, there in zip(
+            box[:2], box[2:], self.middle, self.fine, strict=True
+        ):
+            half = halves(length, Axis(there.middle - start, there.odd))
+            ends.append((here.middle - half.axis.middle, half.length))
+        return Box(ends[0][0], ends[1][0], ends[0][1], ends[1][1])
+
+
+def whole_view(image: Tensor, signed_radius: Tensor, middle: _Axes) -> View:
+    """A picture [C, H, W] of radii [H, W] px as it is."""
+    picture = torch.cat([image, signed_radius[None]])
+    return View(picture, signed_radius.detach(), middle, middle, 0)
+
+
+def half_view(half: Level, fine: _Axes) -> View:
+    """A picture seen at half of its resolution."""
+    near = half.first.least
+    if half.second is not None and half.number is not None:
+        held = torch.nonzero(half.number >= 0)[:, 0]
+        nearer = half.second.least.index_select(0, half.number.index_select(0, held))
+        near = near.index_copy(0, held, torch.minimum(near.index_select(0, held), nearer))
+    values = half.first.values.reshape(-1, *half.size)
+    return View(values, near.reshape(half.size), half.middle, fine, 1)
+
+
+def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
+    """For each pixel the greatest [H, W] of the cells of two by two pixels that it is part of."""
+    down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
+    wide = spread_out(values, (down.axis.odd, across.axis.odd))
+    return wide[down.before : down.before + size[0], across.before : across.before + size[1]]
+
+
+def in_cells(some: Tensor, middle: _Axes) -> Tensor:
+    """Which cells of two by two pixels hold any of some [H, W] bool."""
+    share, _ = averaged(some.to(torch.float32)[None, None], 1, middle)
+    return share[0, 0].gt(0)

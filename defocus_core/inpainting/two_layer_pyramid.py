@@ -1,0 +1,271 @@
+"""Surfaces in a picture seen coarsely: in each cell the farthest, and the next one before it.
+
+A cell on an edge of depth holds two surfaces. Their mean is neither, and what a nearer surface
+hides goes on from what lies farther alone. So each cell keeps two sheets, each of pixels whose
+radii are alike. Where resolution is halved again cells overlap (Burt 1981): what they hold hardly
+depends on where an edge lies among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.pyramid import Axis, Halves, extended, halved, halves, pulled
+from defocus_core.images.sparse_masks import numbers_of
+
+# Px of radius that are one surface: in a cell of two by two pixels, and how many times more at each
+# further level.
+_ALIKE, _MORE = 1.013, 1.5
+# Cells on edges that are taken apart at once: bounds memory.
+_CELLS = 1 << 12
+
+
+class Sheet(NamedTuple):
+    """A surface in each of n cells.
+
+    Attributes:
+        values: [K, n], its means; 0 where there is none.
+        weight: [n] in [0, 1], from how much of the cell they come.
+        least: [n] px, the least radius in it; infinite where there is none.
+        most: [n] px, the greatest; -infinite where there is none.
+    """
+
+    values: Tensor
+    weight: Tensor
+    least: Tensor
+    most: Tensor
+
+
+class Level(NamedTuple):
+    """A picture, or a part of one, at some resolution.
+
+    Attributes:
+        size: (height, width) in cells.
+        first: The farthest surface in each cell, row by row.
+        second: The next one, of those cells that have one.
+        number: [height * width] which of these a cell has, or -1; None if no cell has one.
+        middle: Where the middle of the frame is in it.
+        halvings: How many times resolution is halved.
+        edges: Numbers of the cells that hold an edge, of depth or of what counts.
+        whole: Whether every cell counts wholly.
+    """
+
+    size: tuple[int, int]
+    first: Sheet
+    second: Sheet | None
+    number: Tensor | None
+    middle: tuple[Axis, Axis]
+    halvings: int
+    edges: Tensor
+    whole: bool = False
+
+    def channels(self, some: slice) -> Level:
+        """The same with some of its values."""
+        first = self.first._replace(values=self.first.values[some])
+        second = self.second
+        if second is not None:
+            second = second._replace(values=second.values[some])
+        return self._replace(first=first, second=second)
+
+
+def pixels_of(
+    values: Tensor,
+    signed_radius: Tensor,
+    middle: tuple[Axis, Axis],
+    weight: Tensor | None = None,
+) -> Level:
+    """A picture at full resolution.
+
+    Args:
+        values: [K, H, W].
+        signed_radius: [H, W] px.
+        middle: Of the frame.
+        weight: [H, W] in [0, 1], by how much pixels count; None if all count alike.
+    """
+    r = signed_radius.detach()
+    size = (r.shape[0], r.shape[1])
+    least = most = r = r.flatten()
+    whole = weight is None
+    weight = torch.ones_like(r) if weight is None else weight.flatten()
+    if not whole and not bool((held := weight.bool()).all()):
+        least, most = torch.where(held, r, torch.inf), torch.where(held, r, -torch.inf)
+    none = torch.zeros(0, dtype=torch.long, device=r.device)
+    first = Sheet(values.flatten(1), weight, least, most)
+    return Level(size, first, None, None, middle, 0, none, whole)
+
+
+def coarser(level: Level) -> Level:
+    """The same at half of its resolution."""
+    H, W = level.size
+    down, across = (halves(n, axis) for n, axis in zip(level.size, level.middle, strict=True))
+    odd = (down.axis.odd, across.axis.odd)
+    overlapping = level.halvings > 0
+    sums = pulled if overlapping else halved
+    first, alike = level.first, _ALIKE * _MORE ** max(level.halvings - 1, 0)
+    least = first.least
+    if level.number is not None:
+        least = torch.where(level.number < 0, least, -torch.inf)
+
+    def cells(values: Tensor, outside: float) -> Tensor:
+        return extended(values.reshape(*values.shape[:-1], H, W), down, across, outside)
+
+    weight = sums(cells(first.weight, 0.0), odd)
+    values = first.values if level.whole else first.values * first.weight
+    values = sums(cells(values, 0.0), odd) / torch.where(weight > 0, weight, 1.0)
+    most, least = (
+        _greatest_of(cells(each, -torch.inf), odd, overlapping).flatten()
+        for each in (first.most, -least)
+    )
+    edges = numbers_of((most > -torch.inf) & ~(most + least < alike))
+    dense = Sheet(values.flatten(1), weight.flatten().clamp_(max=1), least.neg_(), most)
+    middle, size = (down.axis, across.axis), (down.length, across.length)
+    result = Level(size, dense, None, None, middle, level.halvings + 1, edges)
+    if not len(edges):
+        return result
+    parts = [
+        _taken_apart(level, some, (down, across), overlapping, alike)
+        for some in torch.split(edges, _CELLS)
+    ]
+    far, near = (_joined([pair[i] for pair in parts]) for i in (0, 1))
+    for whole, some in zip(dense, far, strict=True):
+        whole.index_copy_(-1, edges, some)
+    held = torch.nonzero(near.most > -torch.inf)[:, 0]
+    if not len(held):
+        return result
+    number = torch.full((size[0] * size[1],), -1, dtype=torch.int32, device=edges.device)
+    number[edges.index_select(0, held)] = torch.arange(
+        len(held), dtype=torch.int32, device=edges.device
+    )
+    second = Sheet(*(each.index_select(-1, held) for each in near))
+    return result._replace(second=second, number=number)
+
+
+def _greatest_of(values: Tensor, odd: tuple[bool, bool], overlapping: bool) -> Tensor:
+    """The greatest [h, w] of the pixels [H, W] that have a share in a cell."""
+    for dim in (0, 1):
+        even, other = (values[i::2] if dim == 0 else values[:, i::2] for i in (0, 1))
+        values = even.clone() if odd[dim] else torch.maximum(even, other)
+        n = other.shape[dim] - (not odd[dim])
+        beside = [(values.narrow(dim, 1, n), other.narrow(dim, 0, n))]
+        if odd[dim]:
+            beside.append((values.narrow(dim, 0, n), other))
+        elif overlapping:
+            beside.append((values.narrow(dim, 0, n), even.narrow(dim, 1, n)))
+        else:
+            beside = []
+        for target, more in beside:
+            torch.maximum(target, more, out=target)
+    return values
+
+
+def _taps(axis: Halves, overlapping: bool) -> list[tuple[int, float]]:
+    """Which pixels have a share in a cell, counted from twice its number, and their shares."""
+    if axis.axis.odd:
+        return [(-1, 0.5), (0, 1.0), (1, 0.5)]
+    if overlapping:
+        return [(-1, 0.25), (0, 0.75), (1, 0.75), (2, 0.25)]
+    return [(0, 1.0), (1, 1.0)]
+
+
+def _taken_apart(
+    level: Level, cells: Tensor, axes: tuple[Halves, Halves], overlapping: bool, alike: float
+) -> tuple[Sheet, Sheet]:
+    """The farthest surface in some cells [n] of half resolution, and the next.
+
+    Args:
+        level: Whose resolution is halved.
+        cells: Their numbers.
+        axes: How this is done.
+        overlapping: Whether cells share pixels.
+        alike: Px of radius that are one surface.
+    """
+    row = cells.div(axes[1].length, rounding_mode="floor")
+    places, shares = [], []
+    for number, axis, length in zip(
+        (row, cells - row * axes[1].length), axes, level.size, strict=True
+    ):
+        taps = _taps(axis, overlapping)
+        offset = torch.tensor([tap for tap, _ in taps], device=cells.device)
+        share = level.first.least.new_tensor([share for _, share in taps])
+        place = 2 * number - axis.before + offset[:, None]
+        inside = (place >= 0) & (place < length)
+        places.append(place.clamp_(0, length - 1))
+        shares.append(share[:, None] * inside)
+    index = (places[0][:, None] * level.size[1] + places[1]).flatten()
+    share = (shares[0][:, None] * shares[1]).flatten()
+    sheet = Sheet(*(each.index_select(-1, index) for each in level.first))
+    if level.second is not None and level.number is not None:
+        number = level.number.index_select(0, index)
+        held = torch.nonzero(number >= 0)[:, 0]
+        some = number.index_select(0, held)
+        nearer = (
+            torch.full_like(far, missing).index_copy(-1, held, each.index_select(-1, some))
+            for far, each, missing in zip(
+                sheet, level.second, (0.0, 0.0, torch.inf, -torch.inf), strict=True
+            )
+        )
+        sheet, share = _joined([sheet, Sheet(*nearer)]), share.repeat(2)
+    values, weight, least, most, share = (
+        each.reshape(*each.shape[:-1], -1, len(cells)) for each in (*sheet, share)
+    )
+    weight = weight * share
+    left, found = weight > 0, []
+    for _ in range(2):
+        top = torch.where(left, most, -torch.inf).amax(0)
+        some = left & (least > top - alike)
+        left = left & ~some
+        part = weight * some
+        total = part.sum(0)
+        mean = (values * part).sum(1) / torch.where(total > 0, total, 1.0)
+        lowest = torch.where(some, least, torch.inf).amin(0)
+        found.append(Sheet(mean, total.clamp(max=1), lowest, top))
+    return found[0], found[1]
+
+
+def _joined(sheets: list[Sheet]) -> Sheet:
+    """One after another."""
+    if len(sheets) == 1:
+        return sheets[0]
+    return Sheet(*(torch.cat(each, -1) for each in zip(*sheets, strict=True)))
+
+
+def stacked(parts: Iterable[tuple[Level, int, int]], height: int, axis: Axis) -> Level:
+    """Rows of a picture, put together.
+
+    Args:
+        parts: Some of its rows each, and from which to which of them, from top to bottom.
+        height: Rows of the picture.
+        axis: Where the middle of the frame is in them.
+    """
+    whole: Level | None = None
+    seconds: list[Sheet] = []
+    done = held = 0
+    for part, first, end in parts:
+        width = part.size[1]
+        if whole is None:
+            blank = (each.new_empty(*each.shape[:-1], height * width) for each in part.first)
+            number = torch.full_like(part.first.least[:1], -1, dtype=torch.int32)
+            number = number.repeat(height * width)
+            middle = (axis, part.middle[1])
+            whole = Level(
+                (height, width), Sheet(*blank), None, number, middle, part.halvings, part.edges[:0]
+            )
+        here, cells = slice(first * width, end * width), (end - first) * width
+        for into, some in zip(whole.first, part.first, strict=True):
+            into.narrow(-1, done, cells).copy_(some[..., here])
+        if part.second is not None and part.number is not None and whole.number is not None:
+            number = part.number[here]
+            kept = torch.nonzero(number >= 0)[:, 0]
+            some = number.index_select(0, kept)
+            seconds.append(Sheet(*(each.index_select(-1, some) for each in part.second)))
+            whole.number[kept + done] = torch.arange(
+                held, held + len(kept), dtype=torch.int32, device=kept.device
+            )
+            held += len(kept)
+        done += cells
+    assert whole is not None
+    return whole._replace(second=_joined(seconds)) if held else whole._replace(number=None)

@@ -1,0 +1,295 @@
+"""A layer of the scene, cut into slices as they are needed: what each tile takes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.box import Box
+from defocus_core.images.pyramid import Axis, averaged
+from defocus_core.images.tiling import BLOCK, Grid
+from defocus_core.layers.block_index import blocks_at, blocks_of, visible_slices
+from defocus_core.layers.extents import Patch, patches
+from defocus_core.layers.fringe_samples import Points
+from defocus_core.layers.ladder import membership
+from defocus_core.layers.planar_slices import Planes
+from defocus_core.layers.subpixel_shifts import Shifts
+
+# Rows of samples that are averaged at once, of a wide slice and of a narrow one: few enough to
+# stay in a cache.
+_BAND, _AREA = 64, 1 << 16
+
+
+class Samples(NamedTuple):
+    """A layer of the scene as samples with positions on the ladder of slices.
+
+    Attributes:
+        color: [C, H, W].
+        coverage: [1, H, W], the share of each pixel that is there; None if all are whole.
+        places: [H, W] positions.
+        at: [n, 2] rows and columns of further samples.
+        extra: [n, C + 1] further samples: parts of nearer surfaces in the same pixels.
+        extra_places: [n] their positions.
+        slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
+        shifts: What parts of the aperture add to colours near focus; None if that is not wanted.
+    """
+
+    color: Tensor
+    coverage: Tensor | None
+    places: Tensor
+    at: Tensor
+    extra: Tensor
+    extra_places: Tensor
+    slopes: Tensor | None
+    shifts: Shifts | None
+
+
+class Surface:
+    """A layer of the scene, and what of it each tile of a grid can see.
+
+    Attributes:
+        plan: For each tile the rungs that reach it, nearest first.
+        tilted_plan: Those of them that have slopes there.
+    """
+
+    def __init__(
+        self,
+        samples: Samples,
+        reaches: list[int],
+        layers: list[int],
+        grid: Grid,
+        before: int,
+        beyond: int,
+    ) -> None:
+        """Plan the slices of a layer.
+
+        Args:
+            samples: The layer.
+            reaches: Px that each rung spreads.
+            layers: For each rung the number of the layer that it adds up to.
+            grid: The tiles, counted from the first sample.
+            before: Px that windows extend above and to the left of tiles at most.
+            beyond: Px that windows extend from there downwards and to the right at most.
+        """
+        H, W = samples.places.shape
+        first, last = grid.tiles[0], grid.tiles[-1]
+        self._tiles, self._layers, self._own = grid.tiles, layers, Box(0, 0, H, W)
+        top, left = min(first.top - before, 0), min(first.left - before, 0)
+        below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
+        self._framed_box = Box(top, left, below - top, beside - left)
+        count, exists = len(reaches), None
+        if samples.coverage is not None:
+            some = samples.coverage.detach()[0].bool()
+            exists = None if bool(some.all()) else some
+        blocks = blocks_of(samples.places, count, exists)
+        extra = None
+        if len(samples.at):
+            extra = blocks_at(samples.extra_places, samples.at, count, (H, W))
+            blocks |= extra
+        self.plan = visible_slices(blocks, reaches, grid.tiles)
+        self._blocks = blocks.cpu()
+        self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
+        self._lean, self._planes = samples.slopes, None
+        if samples.slopes is not None:
+            planes = Planes(
+                samples.slopes.detach(), samples.places.detach(), self._blocks, level=extra
+            )
+            tilted = blocks & planes.tilted.to(blocks.device)
+            self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
+            if not samples.slopes.requires_grad:
+                self._planes = planes
+        color, self._coverage = samples.color, samples.coverage
+        if self._coverage is None:
+            self._layer = self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, H, W)])
+        else:
+            self._layer = self._framed([color * self._coverage, self._coverage])
+        self._places, self._shifts = self._framed([samples.places[None]])[0], samples.shifts
+        self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
+        self._extra = None
+        if len(samples.at):
+            self._extra = Points(samples.at, samples.extra, samples.extra_places, layers, H)
+
+    @cached_property
+    def _slopes(self) -> Tensor | None:
+        """Those of samples in the frame of zeros: only slices that are no planes ask."""
+        return None if self._lean is None else self._framed([self._lean])
+
+    @cached_property
+    def _extents(self) -> _Extents:
+        """Where its slices are: only what is blurred at reduced resolution asks."""
+        return _Extents(self._blocks, self._own[2:])
+
+    def _framed(self, some: list[Tensor]) -> Tensor:
+        """Channels [..., H, W], one after another, in a frame of zeros that holds every window."""
+        count, box = sum(len(values) for values in some), self._framed_box
+        framed = some[0].new_empty(count, *box[2:])
+        here = self._own.seen_from(box)
+        down, across = here.sides
+        for beside in (framed[:, : down.first], framed[:, down.end :]):
+            beside.zero_()
+        rows, first = framed[:, down.first : down.end], 0
+        for beside in (rows[..., : across.first], rows[..., across.end :]):
+            beside.zero_()
+        for values in some:
+            here.of(framed)[first : first + len(values)].copy_(values)
+            first += len(values)
+        return framed
+
+    def _unframed(self, box: Box, values: Tensor) -> Tensor:
+        """What a rectangle, counted from the first sample, holds of values [..., h, w]."""
+        return box.seen_from(self._framed_box).of(values)
+
+    def patches(self, margins: dict[int, int]) -> list[list[Patch | None]]:
+        """What each tile sees of some layers, by the numbers of which they spread over a margin."""
+        blocks = [
+            self._blocks[[rung for rung, other in enumerate(self._layers) if other == number]]
+            for number in margins
+        ]
+        some = torch.stack([each.any(0) for each in blocks])
+        return patches(some, self._tiles, list(margins.values()), self._own[2:])
+
+    def members(self, rungs: range, window: Box, lit: Box) -> Tensor:
+        """Slices of one layer within a window, [C + 1, k, height, width].
+
+        Args:
+            rungs: Their numbers on the ladder.
+            window: Counted from the first sample.
+            lit: What is wanted of it. It begins where the layer does, or where the window does;
+                what follows after its end is left out.
+        """
+        here = window.seen_from(self._framed_box)
+        shares = membership(here.of(self._places), self._ladder[rungs.start : rungs.stop])
+        ends = lit.seen_from(window).sides
+        below, beside = window.height - ends[0].end, window.width - ends[1].end
+        if below > 0:
+            shares[:, -below:] = 0
+        if beside > 0:
+            shares[..., -beside:] = 0
+        slices = here.of(self._layer)[:, None] * shares
+        if self._extra:
+            self._extra.add(slices, self._layers[rungs.start], rungs.start, window, lit)
+        return slices
+
+    def shares(self, rungs: range, box: Box) -> Tensor:
+        """What of each pixel [h, w] is in some slices."""
+        places = self._unframed(box, self._places)
+        return membership(places, self._ladder[rungs.start : rungs.stop]).sum(0)
+
+    def shifts(self, index: int) -> Tensor | None:
+        """What parts of the aperture add to colours of a tile, [M, C, h, w]; None if nothing."""
+        tile = self._tiles[index]
+        found = self._shifts.over(tile) if self._shifts else None
+        if found is None or self._coverage is None:
+            return found
+        return found * tile.of(self._coverage)
+
+    def slopes(self, window: Box) -> Tensor:
+        """[2, height, width] within a window around a tile that has tilted slices."""
+        assert self._slopes is not None
+        return self._unframed(window, self._slopes)
+
+    def planes(self, rungs: list[int], box: Box) -> list[tuple[float, float] | None]:
+        """The slopes of slices within a rectangle; None for one that has a gradient or several.
+
+        Counted from the first sample.
+        """
+        return self._planes.slopes(rungs, box) if self._planes else [None] * len(rungs)
+
+    def bounds(self, rungs: list[int]) -> Box:
+        """A rectangle that holds all samples of some slices."""
+        return self._extents.box(rungs)
+
+    def averaged(
+        self,
+        rung: int,
+        halvings: int,
+        cells: Box,
+        middle: tuple[Axis, Axis],
+        *,
+        tilted: bool,
+    ) -> Tensor:
+        """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w].
+
+        Args:
+            rung: Its number on the ladder.
+            halvings: How many times resolution is halved.
+            cells: What is wanted, in pixels of that resolution, counted from the first at or
+                after the middle of the frame.
+            middle: Of the frame, counted from the first sample.
+            tilted: Whether it has slopes.
+        """
+        kinds = 3 if tilted and self._slopes is not None else 1
+        result = self._layer.new_zeros(kinds, len(self._layer), *cells[2:])
+        for some in self._bands(rung, 1 << halvings, middle):
+            share = membership(self._unframed(some, self._places), self._ladder[rung : rung + 1])
+            pixels = (self._unframed(some, self._layer) * share)[None]
+            if tilted and self._slopes is not None:
+                lean = self._unframed(some, self._slopes)
+                pixels = torch.cat([pixels, pixels * lean[:, None]])
+            down, across = (
+                Axis(axis.middle - start, axis.odd)
+                for axis, start in zip(middle, some[:2], strict=True)
+            )
+            pixels, (down, across) = averaged(pixels, halvings, (down, across))
+            found = Box(-down.middle, -across.middle, *pixels.shape[-2:])
+            here = found.grown(0, cells)
+            if here.height > 0 and here.width > 0:
+                here.seen_from(cells).of(result).add_(here.seen_from(found).of(pixels))
+        if self._extra:
+            number = self._layers[rung]
+            self._extra.averaged(result[0], number, rung, 1 << halvings, cells, middle)
+        return result
+
+    def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
+        """Rectangles that together hold a slice once: rows some steps from the middle."""
+        size = self._own[2:]
+        bounds = self._extents.box([rung])
+        rows = max(step, _AREA // max(bounds.width, 1) // _BAND * _BAND, _BAND)
+        frame, whole = Box(0, 0, *size), _aligned(bounds, rows, middle)
+        for top in range(whole.top, whole.top + whole.height, rows):
+            band = Box(top, 0, rows, size[1]).grown(0, frame)
+            found = self._extents.box([rung], band.top, band.top + band.height)
+            if found.width:
+                aligned = _aligned(found._replace(top=band.top, height=0), step, middle)
+                yield band._replace(left=aligned.left, width=aligned.width).grown(0, frame)
+
+
+class _Extents:
+    """Where the blocks of slices are."""
+
+    def __init__(self, blocks: Tensor, size: Sequence[int]) -> None:
+        """Look at blocks [K, rows, columns] bool of a frame of (height, width)."""
+        columns, some = blocks.shape[2], blocks.any(2)
+        first = torch.where(some, blocks.long().argmax(2), columns)
+        end = torch.where(some, columns - blocks.flip(2).long().argmax(2), 0)
+        self._size, self._first, self._end = (size[0], size[1]), first.tolist(), end.tolist()
+
+    def box(self, rungs: list[int], top: int = 0, below: int | None = None) -> Box:
+        """The rectangle that holds all blocks of some slices, of all rows or between two rows."""
+        rows = slice(top // BLOCK, -(-(self._size[0] if below is None else below) // BLOCK))
+        ends = [
+            max(of_row) for of_row in zip(*(self._end[rung][rows] for rung in rungs), strict=True)
+        ]
+        held = [row for row, end in enumerate(ends, rows.start) if end]
+        if not held:
+            return Box(0, 0, 0, 0)
+        left, beside = min(min(self._first[rung][rows]) for rung in rungs), max(ends)
+        sides = (held[0], left, held[-1] + 1 - held[0], beside - left)
+        return Box(*(BLOCK * n for n in sides)).grown(0, Box(0, 0, *self._size))
+
+
+def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
+    """The least rectangle around another whose sides are some steps from the middle."""
+    ends = [
+        (
+            axis.middle + (start - axis.middle) // step * step,
+            axis.middle - (axis.middle - start - length) // step * step,
+        )
+        for start, length, axis in zip(box[:2], box[2:], middle, strict=True)
+    ]
+    (top, below), (left, beside) = ends
+    return Box(top, left, below - top, beside - left)

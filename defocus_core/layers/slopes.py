@@ -1,0 +1,142 @@
+"""Slopes of the radius: how densely a tilted surface is seen from each side of the aperture.
+
+Lens point u sees pixel q at q + r(q) u. Where the radius changes from pixel to pixel, this map
+stretches or crowds the surface: pixels of it land 1 + u·∇r apart (the determinant of its
+derivative). So a pixel stands for a share 1 + u·∇r of what u sees; without it a tilted surface is
+seen too thin from one side and too thick from the other.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.images.neighbourhoods import ends_of
+from defocus_core.images.sparse_masks import numbers_of
+
+# Differences in px that are less and less of the same surface.
+_STEP = (1.013, 3.0)
+# Slopes in px per px that may be a plain mean.
+_SMALL = 0.05
+# Px to each side of a pixel, and the share of those that must be steep.
+_AROUND = 5
+_AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
+# Px around a pixel that decide its slope.
+AROUND = _AROUND + 1
+
+
+def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
+    """∇r in px per px, x then y: [2, H, W] of radii [H, W]; at most 1 long.
+
+    At an edge of depth it is the slope of the pixel's own surface. Beyond a length of 1 some lens
+    points see its back.
+
+    Args:
+        signed_radius: [H, W] px.
+        least: Slopes up to this are left out, and so are steep lines, like the limb of a ball:
+            what is steep counts if it is a third of the pixels around.
+
+    Returns:
+        None if nothing is left.
+    """
+    x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
+    square = torch.addcmul(x * x, y, y)
+    lowest, highest = ends_of(square.detach()).tolist()
+    if highest <= least * least:
+        return None
+    steep = square.detach() > least * least
+    some = lowest <= least * least
+    if least and some:
+        steep &= _many_around(steep)
+        if not bool(steep.any()):
+            return None
+    x, y = (_without_edges(of, signed_radius, dim, steep) for of, dim in ((x, -1), (y, -2)))
+    if highest > 1:
+        short = square.clamp(min=1).rsqrt()
+        x, y = x * short, y * short
+    gradient = torch.stack([x, y])
+    return gradient * steep.to(gradient.dtype) if some else gradient
+
+
+def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
+    """Differences [H, W] along an axis; where a neighbour is beyond an edge the other counts alone.
+
+    So a plane has the same slope all over.
+    """
+    n, step = r.shape[dim], r.diff(dim=dim).detach()
+    if not step.numel() or float(ends_of(step).abs().amax()) <= _STEP[0]:
+        return found
+    step, beside = step.abs() > _STEP[0], torch.zeros_like(steep)
+    for k in (0, 1):
+        beside.narrow(dim, k, n - 1).logical_or_(step)
+    at = numbers_of(beside & steep)
+    if not len(at):
+        return found
+    values, stride = r.flatten(), 1 if dim == -1 else r.shape[1]
+    place = at.div(stride, rounding_mode="floor") % n
+    here, before, after = (
+        values.index_select(0, at + stride * shift)
+        for shift in (0, -(place > 0).long(), (place < n - 1).long())
+    )
+    a, b = here - before, after - here
+    a, b = torch.where(place > 0, a, b), torch.where(place < n - 1, b, a)
+    least, most = _STEP
+    edge_a, edge_b = (((x.abs() - least) / (most - least)).clamp(0, 1) for x in (a, b))
+    a, b = torch.lerp(a, b, edge_a), torch.lerp(b, a, edge_b)
+    own = _mean((a, b), (_weights(a), _weights(b)))
+    return found.flatten().index_copy(0, at, own).view(found.shape)
+
+
+def _many_around(mask: Tensor) -> Tensor:
+    """Where a mask [H, W] holds enough of the square around each pixel, as far as it is there."""
+    size = 2 * _AROUND + 1
+    count, area = mask.to(torch.uint8), []  # a square has fewer pixels than 255
+    for dim in (0, 1):
+        n = mask.shape[dim]
+        place = torch.arange(n, device=mask.device)
+        area.append((place + _AROUND).clamp(max=n - 1) - (place - _AROUND).clamp(min=0) + 1)
+        around = [_AROUND, _AROUND] if dim else [0, 0, _AROUND, _AROUND]
+        count = _sums_of(pad(count, around), size, dim)
+    least = (_AREA * (area[0][:, None] * area[1]).float()).floor()
+    return count > least.to(torch.uint8)
+
+
+def _sums_of(values: Tensor, count: int, dim: int) -> Tensor:
+    """Sums of so many neighbours along an axis, from sums of twice as many each time."""
+    n = values.shape[dim] + 1 - count
+    total, done, size = None, 0, 1
+    while True:
+        if count & size:
+            some = values.narrow(dim, done, n)
+            total = some.clone() if total is None else total.add_(some)
+            done += size
+        if done == count:
+            assert total is not None
+            return total
+        length = values.shape[dim] - size
+        values = values.narrow(dim, 0, length) + values.narrow(dim, size, length)
+        size *= 2
+
+
+def _limited(r: Tensor, dim: int) -> Tensor:
+    """A mean of the differences to both neighbours, in which the lesser counts more.
+
+    The limiter of van Albada et al. (1982), smooth at 0.
+    """
+    if r.shape[dim] == 1:
+        return torch.zeros_like(r)
+    n, step = r.shape[dim], r.diff(dim=dim)
+    steps = torch.cat([step.narrow(dim, 0, 1), step, step.narrow(dim, -1, 1)], dim)
+    pairs = ((x.narrow(dim, 0, n), x.narrow(dim, 1, n)) for x in (steps, _weights(steps)))
+    return _mean(*pairs)
+
+
+def _weights(steps: Tensor) -> Tensor:
+    return torch.addcmul(steps.new_tensor(_SMALL**2), steps, steps)
+
+
+def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:
+    """Of two differences each counts as much as the other one weighs."""
+    (a, b), (a2, b2) = steps, weights
+    return torch.addcmul(a * b2, b, a2) / (a2 + b2)

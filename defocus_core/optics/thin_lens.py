@@ -1,0 +1,288 @@
+"""The thin lens: focus, circle of confusion, depth of field.
+
+Lengths are in mm. Distances may be negative, the optics habit for object space, or positive, with
+the same meaning. Infinity is a depth and a focus distance like any other.
+
+The law, with A = f / N and v = f s / (s - f):
+
+    c(z) = A v (1/s - 1/z)
+
+is signed (negative nearer than focus) and affine in disparity 1/z, in which nothing needs a clamp.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.sensor import pixel_size
+from defocus_core.runtime.validation import device_named, floating, number, numbers, pair, positive
+
+Scalar = float | Tensor
+
+_UNITS = "lengths are in mm, an f-number has no unit"
+
+
+class ThinLens:
+    """A thin lens in front of a sensor of square pixels.
+
+    Every parameter may be a float or a tensor of one number, and gradients flow to it. Results
+    follow the dtype (at least float32) and the device of the tensor that is passed in; `dtype` and
+    `device` serve for arguments that are plain numbers.
+
+    Attributes:
+        foclen: Focal length f in mm.
+        fnum: F-number N; the aperture is f / N across.
+        sensor_size: Sensor (width, height) in mm.
+        sensor_res: Sensor (width, height) in px. A smaller image is a crop at the same pitch.
+        pixel_size: Sensor width / width in px, in mm, on both axes.
+        foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 or -inf at first.
+        d_far: Depth beyond which `coc` stays what it is there, in mm; -inf for none.
+        d_close: Depth nearer than which `coc` stays what it is there, in mm; 0 for none.
+        obj_depth: Depth that the PSF maps show by default, in mm.
+    """
+
+    def __init__(
+        self,
+        foclen: Scalar,
+        fnum: Scalar,
+        sensor_size: tuple[float, float] = (8.0, 8.0),
+        sensor_res: tuple[int, int] = (2000, 2000),
+        device: torch.device | str | None = None,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        """Describe lens and sensor; the focus is at 20 m, or at infinity if foclen is not less.
+
+        Args:
+            foclen: Focal length in mm, > 0.
+            fnum: F-number, > 0.
+            sensor_size: (width, height) in mm.
+            sensor_res: (width, height) in px.
+            device: Where results for plain numbers live; the CPU by default.
+            dtype: Floating-point type of results for plain numbers.
+
+        Raises:
+            ValueError: If a quantity is not positive and finite, the pitches of the two axes differ
+                by more than 1 %, or dtype is not floating point.
+        """
+        for name, value in {"foclen": foclen, "fnum": fnum}.items():
+            positive(name, value, _UNITS)
+        pixel_size(sensor_size, sensor_res)
+        self.foclen = foclen
+        self.fnum = fnum
+        self.sensor_size = pair("sensor_size", sensor_size)
+        self.sensor_res = pair("sensor_res", sensor_res)
+        self.device = device_named(device)
+        self.dtype = floating(dtype)
+        self.d_far = -math.inf
+        self.d_close = 0.0
+        self.obj_depth = -20000.0
+        self.refocus(-20000.0 if number("foclen", foclen) < 20000.0 else -math.inf)
+
+    @property
+    def pixel_size(self) -> float:
+        """Sensor width in mm / width in px, whichever of them changes.
+
+        Raises:
+            ValueError: If they make no sense any more, as at first.
+        """
+        return pixel_size(self.sensor_size, self.sensor_res)
+
+    def refocus(self, foc_dist: Scalar) -> None:
+        """Focus at a distance of |foc_dist| mm, which may be infinite.
+
+        Raises:
+            ValueError: Unless foc_dist is one number, and foclen < |foc_dist|.
+        """
+        number("foc_dist", foc_dist)
+        self._require_real_image("foc_dist", foc_dist)
+        self._focus = foc_dist
+
+    @property
+    def foc_dist(self) -> Scalar:
+        """-s in mm; computed anew from a tensor, so that each backward pass has its own graph."""
+        return -(self._focus.abs() if isinstance(self._focus, Tensor) else abs(self._focus))
+
+    @foc_dist.setter
+    def foc_dist(self, foc_dist: Scalar) -> None:
+        self.refocus(foc_dist)
+
+    def signed_coc(self, depth: Scalar) -> Tensor:
+        """The law: signed diameter of the circle of confusion in mm, negative nearer than focus.
+
+        Args:
+            depth: Distance in mm, of either sign, any shape; ±inf allowed.
+
+        Returns:
+            Diameters in mm, depth's shape.
+
+        Raises:
+            ValueError: If a depth is zero or NaN, foclen is no longer less than |foc_dist|, foclen
+                or fnum no longer positive, or d_close not nearer than d_far.
+        """
+        self._require_real_image("foc_dist", self.foc_dist)
+        z = self._limited(self._distance("depth", depth))
+        s = self._parameter("foc_dist", z).abs()
+        return self._coc_per_disparity(s) * (1 / s - 1 / z)
+
+    def signed_radius(self, depth: Scalar) -> Tensor:
+        """Signed CoC radius r = c / (2 p) in px, the unit of the renderer.
+
+        Args:
+            depth: Positive planar depth in mm, any shape; inf allowed.
+
+        Returns:
+            Radii in px, depth's shape.
+
+        Raises:
+            ValueError: If a depth is zero, negative or NaN.
+        """
+        depth = self._tensor("depth", depth)
+        if not bool((depth > 0).all()):
+            raise bad_depth("depth", depth, depth > 0, "positive")
+        return self.signed_coc(depth) / (2 * self.pixel_size)
+
+    def radius_at_infinity(self) -> float:
+        """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
+        s = self._distance("foc_dist", self.foc_dist)
+        radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
+        return float(radius.detach())
+
+    def coc(self, depth: Scalar) -> Tensor:
+        """Diameter of the circle of confusion in mm, unsigned; as `signed_coc` otherwise."""
+        return self.signed_coc(depth).abs()
+
+    def hyperfocal(self, coc: Scalar) -> Tensor:
+        """The nearest focus distance whose depth of field reaches infinity, f + f² / (N c), in mm.
+
+        Args:
+            coc: Acceptable circle of confusion, diameter in mm, > 0.
+
+        Raises:
+            ValueError: If coc is not positive.
+        """
+        c = self._acceptable(coc)
+        if not bool((c > 0).all()):
+            raise ValueError(f"coc must be positive, got {float(c.min())}; 0.03 mm suits 36×24 mm")
+        return self._far_point(c)
+
+    def dof(self, depth: Scalar, coc: Scalar | None = None) -> Tensor:
+        """Depth of field in mm of this lens focused at a depth.
+
+        Args:
+            depth: Distance in mm, of either sign, any shape, beyond the focal length.
+            coc: Acceptable circle of confusion, diameter in mm. None takes each point's own, as
+                the lens is focused now: the range about a point that its blur would forgive.
+
+        Returns:
+            far - near in mm, infinite from the hyperfocal distance on.
+
+        Raises:
+            ValueError: If a depth is NaN or not beyond the focal length, or coc is negative or NaN.
+        """
+        near, far = self.dof_limits(depth, self.coc(depth) if coc is None else coc)
+        endless = far.isinf()
+        return torch.where(endless, math.inf, torch.where(endless, 0.0, far) - near)
+
+    def dof_limits(self, foc_dist: Scalar, coc: Scalar) -> tuple[Tensor, Tensor]:
+        """Where the CoC reaches ±coc when focused at foc_dist: the law solved for z.
+
+        Args:
+            foc_dist: Focus distance in mm, of either sign, any shape, beyond the focal length.
+            coc: Acceptable circle of confusion, diameter in mm, >= 0.
+
+        Returns:
+            (near, far): positive distances in mm; far is inf from the hyperfocal distance on.
+
+        Raises:
+            ValueError: If foc_dist is NaN or not beyond foclen, or coc is negative or NaN.
+        """
+        s = self._distance("foc_dist", foc_dist)
+        self._require_real_image("foc_dist", s)
+        c = self._acceptable(coc)
+        if not _fit(c.shape, s.shape):
+            raise ValueError(
+                f"coc must be one diameter or one for each of {list(s.shape)} distances, got "
+                f"{list(c.shape)}; 0.03 mm suits 36×24 mm"
+            )
+        margin = c.to(s) / self._coc_per_disparity(s)
+        # what `hyperfocal` says is the limit, though rounding may leave a rest of disparity there
+        finite = (s < self._far_point(c).to(s)) & (1 / s > margin)
+        far = torch.where(finite, 1 / torch.where(finite, 1 / s - margin, 1.0), math.inf)
+        return 1 / (1 / s + margin), far
+
+    def _far_point(self, c: Tensor) -> Tensor:
+        """Focus distances in mm from which on infinity has a CoC of c at most; inf for none."""
+        f = self._parameter("foclen", c)
+        return f + f * f / (self._parameter("fnum", c) * c)
+
+    def _coc_per_disparity(self, s: Tensor) -> Tensor:
+        """A v in mm² for a focus distance s: f² / (N (1 - f / s))."""
+        f = self._parameter("foclen", s)
+        return f * f / (self._parameter("fnum", s) * (1 - f / s))
+
+    def _limited(self, z: Tensor) -> Tensor:
+        """Distances, none nearer than d_close or farther than d_far."""
+        none = "0 and -inf are no limits"
+        close, far = (abs(number(name, getattr(self, name), none)) for name in ("d_close", "d_far"))
+        if not (close < math.inf and close <= far and far > 0):
+            raise ValueError(
+                f"d_close must not be farther than d_far, got d_close={close:g} and "
+                f"d_far={far:g} mm away; {none}"
+            )
+        least, most = (
+            torch.as_tensor(limit, dtype=z.dtype, device=z.device).abs().reshape(())
+            for limit in (self.d_close, self.d_far)
+        )
+        return z.clamp(least, most)
+
+    def _parameter(self, name: str, other: Tensor) -> Tensor:
+        """The attribute of that name as a 0-dim tensor like another."""
+        value = getattr(self, name)
+        if name != "foc_dist":  # which `refocus` looks at, infinity and all
+            positive(name, value, _UNITS)
+        return torch.as_tensor(value, dtype=other.dtype, device=other.device).reshape(())
+
+    def _tensor(self, name: str, value: Scalar) -> Tensor:
+        """A tensor of at least float32."""
+        return numbers(name, value, floating(self.dtype), device_named(self.device))
+
+    def _distance(self, name: str, distance: Scalar) -> Tensor:
+        z = self._tensor(name, distance).abs()
+        if not bool((z > 0).all()):
+            raise bad_depth(name, z, z > 0, "other than 0")
+        return z
+
+    def _require_real_image(self, name: str, distance: Scalar) -> None:
+        foclen = positive("foclen", self.foclen, _UNITS)
+        if not isinstance(distance, Tensor):
+            distance = torch.tensor(number(name, distance), dtype=torch.float64, device="cpu")
+        distances = distance.detach().abs()
+        if not bool((distances > foclen).all()):
+            raise ValueError(
+                f"{name} must be farther than foclen={foclen:g} mm, got "
+                f"{float(distances.min()):g} mm; distances are in mm and infinity is math.inf"
+            )
+
+    def _acceptable(self, coc: Scalar) -> Tensor:
+        c = self._tensor("coc", coc)
+        if not bool((c >= 0).all()):
+            raise ValueError(f"coc must be a diameter in mm, 0 or more, got {float(c.min())}")
+        return c
+
+
+def _fit(first: torch.Size, second: torch.Size) -> bool:
+    """Whether tensors of these shapes can be put together."""
+    pairs = zip(reversed(first), reversed(second), strict=False)
+    return all(a == b or 1 in (a, b) for a, b in pairs)
+
+
+def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
+    """What is said of distances that are not as wanted."""
+    bad = depth.detach()[~good].flatten()
+    return ValueError(
+        f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
+        "fill or mask what is not known, inf is the sky"
+    )

@@ -1,0 +1,1 @@
+"""How torch runs: threads, modes, checkpointing, and the checks of arguments."""

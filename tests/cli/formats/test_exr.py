@@ -1,0 +1,238 @@
+"""OpenEXR files: native in, native out, and nothing damaged gets through unnoticed."""
+
+from __future__ import annotations
+
+import struct
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import header
+from image_files import SCANLINE, box, random_planes, write_deep, write_window
+
+from defocus_cli.formats import exr, exr_strips
+from defocus_cli.formats.exr import clamped_half, read_parts, write_exr
+from defocus_cli.formats.exr_channels import choose_color
+from defocus_cli.formats.exr_header import read_headers
+from defocus_cli.system.arrays import Keeping
+from defocus_cli.system.errors import InputError
+
+
+def test_every_pixel_type_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    planes: dict[str, Any] = {
+        "half": np.array([[0.1, 65504.0, -np.inf]], np.float16),
+        "float": np.array([[0.1, 1e30, np.nan]], np.float32),
+        "id": np.array([[0, 7, 2**32 - 1]], np.uint32),
+    }
+    write_exr(tmp_path / "a.exr", planes, {})
+    (part,) = read_parts(tmp_path / "a.exr")
+    assert {c.name: c.type for c in part.header.channels} == {
+        "half": "half",
+        "float": "float",
+        "id": "uint",
+    }
+    for name, plane in planes.items():
+        assert part.channels[name].tobytes() == plane.tobytes()
+
+
+def test_metadata_goes_through_and_structure_does_not(tmp_path: Path) -> None:
+    said = {"owner": "ünï", "isoSpeed": 100.0, "frame": 3, "worldToCamera": np.eye(4, dtype="f")}
+    structure = {"compression": OpenEXR.PIZ_COMPRESSION, "name": "x", "chunkCount": 9}
+    write_exr(tmp_path / "a.exr", random_planes("Y"), {**said, **structure})
+    (part,) = read_parts(tmp_path / "a.exr")
+    assert not structure.keys() & part.header.attributes.keys()
+    write_exr(tmp_path / "b.exr", random_planes("Y"), part.header.attributes)
+    assert (tmp_path / "b.exr").read_bytes() == (tmp_path / "a.exr").read_bytes()
+    for name, value in said.items():
+        np.testing.assert_array_equal(header(tmp_path / "b.exr")[name], value)
+
+
+def test_writing_leaves_the_callers_arguments_alone(tmp_path: Path) -> None:
+    attributes: dict[str, object] = {"defocus:focus": "2m"}
+    planes = random_planes("RGB")
+    write_exr(tmp_path / "a.exr", planes, attributes)
+    assert attributes == {"defocus:focus": "2m"}
+    assert set(planes) == set("RGB")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)],
+    ids=["overscan", "inside", "overlap", "outside"],
+)
+def test_the_display_window_is_what_comes_back(tmp_path: Path, data: tuple[int, ...]) -> None:
+    x0, y0, x1, y1 = data
+    everywhere = np.zeros((100, 100), np.float32)  # scene whose (0, 0) is at (-20, -20)
+    written = np.random.default_rng(1).random((y1 - y0 + 1, x1 - x0 + 1), np.float32)
+    everywhere[y0 + 20 : y1 + 21, x0 + 20 : x1 + 21] = written
+    write_window(tmp_path / "a.exr", {"Z": written}, box(*data), box(0, 0, 9, 7))
+    (part,) = read_parts(tmp_path / "a.exr")
+    np.testing.assert_array_equal(part.channels["Z"], everywhere[20:28, 20:30])
+
+
+def test_headers_name_parts_types_and_depth_of_data(tmp_path: Path) -> None:
+    parts = [
+        OpenEXR.Part({"name": "rgba", **SCANLINE}, random_planes("RGBA")),
+        OpenEXR.Part({"name": "ids", **SCANLINE}, {"id": np.zeros((24, 32), np.uint32)}),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    rgba, ids = read_headers(tmp_path / "a.exr")
+    assert (rgba.name, ids.name) == ("rgba", "ids")
+    assert [c.name for c in rgba.channels] == ["A", "B", "G", "R"]
+    assert ids.channels[0].type == "uint"
+    assert not rgba.deep
+    write_deep(tmp_path / "deep.exr")
+    assert read_headers(tmp_path / "deep.exr")[0].deep
+
+
+def test_clamping_to_half_counts_pixels_and_keeps_the_rest() -> None:
+    values = np.array([1.0, 65504.0, 65510.0, -1e9, np.inf, np.nan], np.float32)
+    half, beyond = clamped_half(values)
+    np.testing.assert_array_equal(half, np.array([1, 65504, 65504, -65504, 65504, np.nan], "e"))
+    assert beyond.tolist() == [False, False, True, True, True, False]
+
+
+def test_a_claimed_size_is_checked_before_allocation(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, random_planes("Y"), {})
+    honest = path.read_bytes()
+    window = struct.pack("<4i", 0, 0, 31, 23)
+    for claim in [(999_999, 999_999), (29_999, 29_999)]:
+        path.write_bytes(honest.replace(window, struct.pack("<4i", 0, 0, *claim)))
+        with pytest.raises(InputError, match=r"claims \d+×\d+ px"):
+            read_parts(path)
+
+
+def test_a_part_lost_to_damage_is_an_error(tmp_path: Path) -> None:
+    # OpenEXR drops such a part with a print and shifts the others.
+    path = tmp_path / "a.exr"
+    parts = [
+        OpenEXR.Part({"name": name, **SCANLINE}, random_planes("Y", seed=seed))
+        for seed, name in enumerate(("first", "second"))
+    ]
+    OpenEXR.File(parts).write(str(path))
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(InputError, match="truncated or damaged"):
+        read_parts(path)
+
+
+def test_damage_is_an_input_error_or_unseen_never_a_crash(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, random_planes("RGBZ", (40, 50)), {"owner": "someone"})
+    sound = path.read_bytes()
+    rng = np.random.default_rng(2)
+    refused = 0
+    for trial in range(100):
+        damaged = bytearray(sound)
+        if trial % 4 == 0:
+            del damaged[int(rng.integers(1, len(sound))) :]
+        else:
+            damaged[int(rng.integers(len(sound)))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        with suppress(InputError):
+            read_parts(path)
+            continue
+        refused += 1
+    assert refused >= 50  # every truncation and most flips
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "content", [b"this is text\n" * 9, b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"]
+)
+def test_not_an_exr_file_says_so(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.exr"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"not an OpenEXR file|damaged OpenEXR header"):
+        read_headers(path)
+
+
+COMPRESSIONS = [name for name in dir(OpenEXR) if name.endswith("_COMPRESSION")]
+
+
+def tiles(width: int, height: int) -> dict[str, Any]:
+    described = OpenEXR.TileDescription()
+    described.xSize, described.ySize = width, height
+    return {"type": OpenEXR.tiledimage, "tiles": described, "compression": OpenEXR.ZIP_COMPRESSION}
+
+
+def same_in_pieces(path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int = 3000) -> None:
+    whole = read_parts(path)
+    monkeypatch.setattr(exr_strips, "_STRIP_BYTES", piece_bytes)
+    for part, again in zip(whole, read_parts(path, keeping=Keeping(scratch=True)), strict=True):
+        assert again.channels.keys() == part.channels.keys()
+        for name, plane in part.channels.items():
+            np.testing.assert_array_equal(again.channels[name][:], plane)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_scan_lines_of_all_compressions_are_the_same_in_pieces(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = {"type": OpenEXR.scanlineimage, "compression": getattr(OpenEXR, compression)}
+    OpenEXR.File(header, random_planes("RGBZ", (600, 20))).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_tiles_of_all_compressions_are_the_same_in_pieces(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = {**tiles(16, 24), "compression": getattr(OpenEXR, compression)}
+    OpenEXR.File(header, random_planes("RGBZ", (70, 50))).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+@pytest.mark.parametrize("piece_bytes", [1, 20_000, 10**6])
+def test_a_texture_with_its_smaller_copies_is_the_same_in_pieces_of_any_size(
+    piece_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texture = oiio.ImageBuf(oiio.ImageSpec(50, 70, 3, "float"))
+    texture.set_pixels(oiio.ROI(), np.random.default_rng(4).random((70, 50, 3), np.float32))
+    tiled = oiio.ImageSpec()
+    tiled.tile_width, tiled.tile_height = 32, 16
+    assert oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, texture, f"{tmp_path}/a.exr", tiled)
+    same_in_pieces(tmp_path / "a.exr", monkeypatch, piece_bytes)
+
+
+def test_tiled_parts_and_windows_are_the_same_in_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, display = box(-5, 7, 44, 66), box(0, 0, 39, 79)
+    windows = {"dataWindow": data, "displayWindow": display}
+    parts = [
+        OpenEXR.Part({"name": "lines", **SCANLINE, **windows}, random_planes("RGB", (60, 50))),
+        OpenEXR.Part({"name": "tiles", **tiles(16, 24), **windows}, random_planes("Z", (60, 50))),
+        OpenEXR.Part({"name": "after", **SCANLINE, **windows}, random_planes("Y", (60, 50))),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    OpenEXR.File(tiles(64, 64), random_planes("RGB", (70, 80))).write(str(tmp_path / "a.exr"))
+    monkeypatch.setattr(exr, "_LARGEST_TILE", 64 * 64 * 12 - 1)
+    with pytest.raises(InputError, match="piece by piece; allow more --memory"):
+        read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
+
+
+def test_pixels_that_are_not_square_are_refused(tmp_path: Path) -> None:
+    """A lens blurs in circles, and radii are in px of both axes."""
+    for aspect, square in ((1.0, True), (1.0004, True), (2.0, False), (0.9, False)):
+        path = tmp_path / f"{aspect}.exr"
+        header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
+        planes = {name: np.zeros((4, 5), np.float16) for name in "RGB"}
+        OpenEXR.File(header, planes).write(str(path))
+        if square:
+            assert choose_color(path, read_headers(path), layer=None, part=None)
+            continue
+        with pytest.raises(InputError, match=f"{aspect:g} times as wide as high; resample"):
+            choose_color(path, read_headers(path), layer=None, part=None)

@@ -1,0 +1,145 @@
+"""Discs of highlights: the same as drawn pixel by pixel, clipped ray by ray."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core.compositing.bokeh_discs import draw
+from defocus_core.compositing.highlights import Highlights
+from defocus_core.images.box import Box
+from defocus_core.layers.ladder import position
+from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
+
+RADII = tuple(float(r) for r in range(-12, 31, 2))
+H, W = 61, 83
+WHOLE = Box(0, 0, H, W)
+
+
+def surfaces(background: float) -> Tensor:
+    """Radii [H, W] of a background with upright wires in focus and a near card before it."""
+    r = torch.full((H, W), background, dtype=torch.float64)
+    r[:, 10::17] = 0.4
+    r[20:31, 40:60] = -9.0
+    return r
+
+
+def lights(radii: Tensor, *, at: list[tuple[int, int]]) -> Highlights:
+    excess = torch.tensor([[3.0, 1e6, -0.1]], dtype=radii.dtype)
+    return Highlights(torch.tensor(at), excess * torch.arange(1, len(at) + 1)[:, None], radii)
+
+
+def pixel_by_pixel(
+    some: Highlights, signed_radius: Tensor, aperture: Aperture, part: Part
+) -> Tensor:
+    """Each disc pixel: the kernel, times what no slice before it stops.
+
+    Of a disc of few pixels that is the mean over the lens, for all of them.
+    """
+    picture = torch.zeros(3, H, W, dtype=torch.float64)
+    scene = (signed_radius.tolist(), position(signed_radius, RADII).tolist())
+    for (row, column), excess, r in zip(
+        some.at.tolist(), some.excess, some.signed_radius.tolist(), strict=True
+    ):
+        extent = math.ceil(abs(r))
+        disc = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, part)
+        limit = r - max(1.5, 0.15 * abs(r))
+
+        grid = [(k + 0.5) / 8 for k in range(-8, 8)]
+        lens = [(y, x) for y in grid for x in grid if math.hypot(y, x) < 1]
+        small = abs(r) < 2.013
+        at, spread = (row, column), [r - radius for radius in RADII]
+        mean = sum(come_through(at, limit, u, spread, scene) for u in lens) / len(lens)
+        for dy in range(-extent, extent + 1):
+            for dx in range(-extent, extent + 1):
+                y, x = row + dy, column + dx
+                if not (0 <= y < H and 0 <= x < W):
+                    continue
+                scale = [px / r for px in spread] if r else spread
+                u = (dy, dx)
+                free = mean if small else come_through(at, limit, u, scale, scene)
+                picture[:, y, x] += disc[dy + extent, dx + extent] * free * excess
+    return picture
+
+
+def come_through(
+    at: tuple[int, int],
+    limit: float,
+    away: tuple[float, float],
+    scale: list[float],
+    scene: tuple[list[list[float]], list[list[float]]],
+) -> float:
+    """What no slice nearer than a limit stops, so many times as far away from a light."""
+    radii, places = scene
+    free = 1.0
+    for k, radius in enumerate(RADII):
+        if radius < limit:
+            ends = zip(at, away, (H, W), strict=True)
+            y, x = (min(max(_at(a, scale[k] * d), 0), n - 1) for a, d, n in ends)
+            if radii[y][x] < limit:
+                free -= max(0.0, 1 - abs(places[y][x] - k))
+    return max(free, 0.0)
+
+
+def _at(light: int, away: float) -> int:
+    """The pixel nearest to a place; of two the one towards the light."""
+    return round(light + away - math.copysign(0.01, away))
+
+
+def drawn(
+    some: Highlights, signed_radius: Tensor, aperture: Aperture, parts: list[Part], box: Box = WHOLE
+) -> Tensor:
+    places = position(signed_radius, RADII)
+    return draw(some, signed_radius, places, RADII, aperture, parts, box)
+
+
+AT = [(30, 44), (0, 0), (60, 70), (28, 30), (3, 82), (29, 47)]
+
+
+@pytest.mark.parametrize("aperture", [Aperture(), Aperture(5, 20.0), Aperture(psf_type="gaussian")])
+@pytest.mark.parametrize(
+    "radii",
+    [
+        [25.3] * 6,
+        [25.3, 24.0, 3.2, 0.7, 12.0, 0.2],
+        [-7.3, -7.3, -11.9, 2.0, 18.0, -1.2],
+    ],
+)
+def test_discs_are_those_drawn_pixel_by_pixel(radii: list[float], aperture: Aperture) -> None:
+    some = lights(torch.tensor(radii, dtype=torch.float64), at=AT)
+    for background in (26.0, -8.0):
+        scene = surfaces(background)
+        parts = [FULL, LEFT, RIGHT]
+        for part, found in zip(parts, drawn(some, scene, aperture, parts), strict=True):
+            wanted = pixel_by_pixel(some, scene, aperture, part)
+            assert (found - wanted).abs().max() <= 1e-12 * wanted.abs().max()
+
+
+def test_a_part_of_the_frame_is_that_of_the_whole() -> None:
+    some = lights(torch.tensor([25.3, 24.0, 3.2, 9.0, 12.0, 0.2], dtype=torch.float64), at=AT)
+    scene, box = surfaces(26.0), Box(17, 33, 20, 31)
+    whole = drawn(some, scene, Aperture(), [FULL])
+    part = drawn(some, scene, Aperture(), [FULL], box)
+    assert (box.of(whole) - part).abs().max() <= 1e-12 * whole.abs().max()
+
+
+def test_nothing_shows_beside_a_disc_as_bright_as_the_sun() -> None:
+    some = Highlights(torch.tensor([[30, 40]]), torch.tensor([[1e6]]), torch.tensor([20.0]))
+    picture = drawn(some, torch.full((H, W), 20.0), Aperture(), [FULL])[0, 0]
+    away = torch.hypot(torch.arange(H)[:, None] - 30.0, torch.arange(W) - 40.0)
+    assert picture[away > 21].abs().max() <= 1e-10
+    assert picture.sum() == pytest.approx(1e6, rel=1e-6)
+
+
+def test_discs_have_the_gradient_of_the_kernel() -> None:
+    scene = surfaces(26.0)
+    weights = torch.rand(1, 3, H, W, generator=torch.Generator().manual_seed(0)).double()
+
+    def total(radii: Tensor, excess: Tensor) -> Tensor:
+        some = Highlights(torch.tensor(AT[:3]), excess, radii)
+        return (drawn(some, scene, Aperture(), [FULL]) * weights).sum()
+
+    radii = torch.tensor([21.31, 9.17, 3.23], dtype=torch.float64, requires_grad=True)
+    excess = torch.rand(3, 3, generator=torch.Generator().manual_seed(1)).double()
+    assert torch.autograd.gradcheck(total, (radii, excess.requires_grad_()))

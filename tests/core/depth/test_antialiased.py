@@ -1,0 +1,241 @@
+"""Depth that is averaged at edges, like colours, is made hard again."""
+
+import math
+
+import pytest
+import torch
+from measures import inner, psnr, worst
+from scenes import RADII
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
+
+from defocus_core import DefocusLens, render
+from defocus_core.depth.antialiased import AROUND, without_averages
+from defocus_core.engine.statistics import survey
+from defocus_core.images.box import Box
+from defocus_core.images.derived import Mended
+
+SIZE = (144, 200)
+FINE = 8
+INFINITY = 12.0
+SURFACES = (-18.0, -6.0, 2.0, 9.0)
+
+
+def fine_radii() -> Tensor:
+    """Cards of straight and of round edges before something farther, many samples a pixel."""
+    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
+    y = y[:, None]
+    found = torch.full((FINE * SIZE[0], FINE * SIZE[1]), SURFACES[3], dtype=torch.float64)
+    found[(x - 60) ** 2 + (y - 50) ** 2 < 32**2] = SURFACES[2]
+    found[0.9 * x + 0.4 * y > 180] = SURFACES[1]
+    found[0.3 * x - y < -100] = SURFACES[0]
+    return found
+
+
+def filtered(values: Tensor, width: int) -> Tensor:
+    """What pixels hold that see all samples so many px around evenly."""
+    values = torch.nn.functional.pad(values[None], (FINE * (width - 1) // 2,) * 4, mode="replicate")
+    return avg_pool2d(values, FINE * width, FINE)[0]
+
+
+def of_disparity(width: int = 1) -> Tensor:
+    """Radii are linear in disparity."""
+    return filtered(fine_radii(), width)
+
+
+def of_distance(width: int = 1) -> Tensor:
+    """Distances are 1 / (INFINITY - r) in some unit."""
+    return INFINITY - 1 / filtered(1 / (INFINITY - fine_radii()), width)
+
+
+def sampled() -> Tensor:
+    """What pixels hold that see the sample in their middle."""
+    return fine_radii()[FINE // 2 :: FINE, FINE // 2 :: FINE].clone()
+
+
+def told(radius: Tensor, infinity: float | None = INFINITY) -> float | None:
+    return survey(
+        torch.rand(3, *radius.shape), radius, radius.dtype, 1, infinity
+    ).mending.antialiased
+
+
+def beside_edges(radius: Tensor) -> Tensor:
+    """Where a pixel next to one is of another surface."""
+    return max_pool2d(radius[None], 3, 1, 1)[0] + max_pool2d(-radius[None], 3, 1, 1)[0] > 0
+
+
+def nowhere(radius: Tensor) -> float:
+    """The share of pixels that are on none of the surfaces."""
+    off = (radius[..., None] - radius.new_tensor(SURFACES)).abs().amin(-1)
+    return float((off > 0.1).double().mean())
+
+
+def other(radius: Tensor, hard: Tensor) -> int:
+    """How many pixels are of another surface."""
+    return int(((radius - hard).abs() > 0.1).sum())
+
+
+CASES = {"distance": (of_distance, INFINITY), "disparity": (of_disparity, math.inf)}
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_what_was_averaged_is_told(kind: str) -> None:
+    made, expected = CASES[kind]
+    for width in (1, 2):
+        assert told(made(width)) == expected, width
+        assert told(made(width), None) == math.inf  # nothing else can be told
+    assert told(sampled()) is None
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_each_pixel_gets_the_surface_that_holds_most_of_it(kind: str) -> None:
+    made, infinity = CASES[kind]
+    given, hard = made(), sampled()
+    found, edges = without_averages(given, infinity), beside_edges(hard)
+    assert nowhere(given) > 0.01
+    assert nowhere(found) < 0.02 * nowhere(given)
+    # a surface in whose share the middle lies is the greater one, nearly always
+    assert other(found, hard) < 0.05 * int(edges.sum())
+    assert int((found != given)[~edges].sum()) <= 2  # an average may lie beside such a pixel
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_wide_filters_too(kind: str) -> None:
+    made, infinity = CASES[kind]
+    for width in (2, 3):
+        given, hard = made(width), sampled()
+        found = without_averages(given, infinity)
+        assert nowhere(found) < 0.1 * nowhere(given), width
+        # an even width has its middle between pixels
+        share = other(found, hard) / int(beside_edges(hard).sum())
+        assert share < (0.06 if width % 2 else 0.3)
+
+
+def test_distances_compared_as_disparities_would_cost_near_surfaces_a_pixel() -> None:
+    hard = sampled()
+    for kind, (made, infinity) in CASES.items():
+        wrongly = math.inf if infinity == INFINITY else INFINITY
+        right, wrong = (other(without_averages(made(), x), hard) for x in (infinity, wrongly))
+        assert wrong > 3 * right, kind
+
+
+@pytest.mark.parametrize("kind", RADII)
+def test_what_holds_no_averages_is_not_told(kind: str) -> None:
+    for scale in (1.0, 3.0):
+        assert told(scale * RADII[kind](SIZE), scale * INFINITY) is None
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_edges_many_pixels_wide_are_not_anti_aliased(kind: str) -> None:
+    """Networks draw such, whatever the blur: with little of it they are no soft edges either."""
+    made, _ = CASES[kind]
+    for width in (9, 13):
+        given = made(width)
+        for share in (0.15, 0.3, 1.0):
+            assert told(share * given, share * INFINITY) is None
+
+
+def test_a_few_pixels_between_two_surfaces_are_things() -> None:
+    """A frame of hard edges with a step here and there is as it is."""
+    radius = sampled()
+    radius[10:20, 10] = -10.0
+    assert told(radius) is None
+
+
+def test_slopes_stay_slopes() -> None:
+    """Averages of a slope are the slope."""
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    for slope in (0.05, 0.3, 0.8):
+        radius = slope * (0.8 * x + 0.6 * y[:, None] - 60)
+        infinity = float(radius.max()) + 1
+        assert torch.equal(without_averages(radius, math.inf), radius)
+        near = without_averages(radius, infinity)[:50, :60]
+        assert worst(near, radius[:50, :60]) == 0
+
+
+def test_depth_of_half_the_resolution_made_larger() -> None:
+    small = sampled()[None, None, ::2, ::2]
+    given = interpolate(small, SIZE, mode="bilinear", align_corners=False)[0, 0]
+    assert told(given) == math.inf
+    assert nowhere(without_averages(given, math.inf)) < 0.05 * nowhere(given)
+
+
+def colored(radius: Tensor) -> Tensor:
+    """A picture in which each sample has the colour of its surface."""
+    colors = torch.tensor([[0.9, 0.1, 0.2], [0.1, 0.6, 0.1], [0.1, 0.2, 0.9], [0.5, 0.5, 0.4]])
+    number = (radius[..., None] - radius.new_tensor(SURFACES)).abs().argmin(-1)
+    return colors.double()[number].movedim(-1, 0)
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_a_picture_of_such_depth_is_that_of_hard_depth(kind: str) -> None:
+    made, _ = CASES[kind]
+    image = avg_pool2d(colored(fine_radii())[None], FINE)[0]
+    best = render(image, sampled(), infinity=INFINITY).render
+    found = render(image, made(), infinity=INFINITY).render
+    assert psnr(inner(found, 18), inner(best, 18)) > 65  # 51 of depth as it is
+    assert torch.equal(best, render(image, sampled()).render)
+
+
+def test_the_lens_tells_how_far_infinity_is() -> None:
+    """`render_rgbd` knows distances, and so what their averages are."""
+    lens = DefocusLens(50.0, 1.8, (36.0, 25.92), (SIZE[1], SIZE[0]), dtype=torch.float64)
+    for foc_dist in (1000.0, math.inf):
+        lens.refocus(foc_dist)
+        far = float(lens.signed_radius(torch.tensor(math.inf, dtype=torch.float64)))
+        assert lens.radius_at_infinity() == pytest.approx(far)
+    lens.refocus(1000.0)
+    lens.d_far = -3000.0
+    assert lens.radius_at_infinity() > float(lens.signed_radius(math.inf))
+    lens.d_far = -math.inf
+    depth = 1000 / (1 - fine_radii() / 60)
+    image = avg_pool2d(colored(fine_radii())[None], FINE)
+    hard, averaged = depth[FINE // 2 :: FINE, FINE // 2 :: FINE], filtered(depth, 1)
+    best, found = (lens.render_rgbd(image, z[None]) for z in (hard, averaged))
+    assert psnr(inner(found, 18), inner(best, 18)) > 53  # 48 of depth as it is
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_a_window_holds_what_the_whole_holds(kind: str) -> None:
+    made, infinity = CASES[kind]
+    for radius in (made(), made(3)):
+        whole = without_averages(radius, infinity)
+        lazily = Mended(radius, lambda r: without_averages(r, infinity), AROUND)
+        for box in (
+            Box(20, 30, 30, 40),
+            Box(0, 70, 40, 30),
+            Box(52, 0, 20, 100),
+            Box(41, 60, 1, 1),
+        ):
+            assert torch.equal(box.of(lazily), box.of(whole))
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_mirrored_depth_is_mirrored(kind: str) -> None:
+    made, infinity = CASES[kind]
+    radius = made(2)
+    whole = without_averages(radius, infinity)
+    for turned, back in (
+        (radius.flip(0), lambda x: x.flip(0)),
+        (radius.flip(1), lambda x: x.flip(1)),
+        (radius.T, lambda x: x.T),
+    ):
+        assert torch.equal(back(without_averages(turned, infinity)), whole)
+
+
+def test_each_radius_has_one_source() -> None:
+    """Radii are taken, not mixed: their gradients add up to one for each pixel."""
+    given = of_distance().requires_grad_()
+    found = without_averages(given, INFINITY)
+    weights = torch.rand_like(found)
+    (found * weights).sum().backward()
+    assert given.grad is not None
+    assert float(given.grad.sum()) == pytest.approx(float(weights.sum()))
+    assert int((given.grad == 0).sum()) > 100
+
+
+@pytest.mark.parametrize("size", [(1, 40), (40, 1), (3, 5), (7, 7)])
+def test_frames_of_few_pixels(size: tuple[int, int]) -> None:
+    radius = torch.linspace(-9, 9, size[0] * size[1]).reshape(size)
+    found = render(torch.rand(3, *size), radius, infinity=10.0).render
+    assert bool(torch.isfinite(found).all())

@@ -1,0 +1,163 @@
+"""Noise of depth leaves no holes in surfaces in focus; what is shape stays as it is."""
+
+import pytest
+import torch
+from measures import worst
+from torch import Tensor
+
+from defocus_core import render
+from defocus_core.depth.noise import AROUND, noise_of, without_noise
+from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.images import derived
+from defocus_core.images.box import Box
+from defocus_core.images.derived import Mended
+from defocus_core.stream import Stream
+
+SIZE = (128, 192)
+
+
+def scatter(amount: float, size: tuple[int, int] = SIZE) -> Tensor:
+    """Noise of some standard deviation in px."""
+    made = torch.Generator().manual_seed(3)
+    return amount * torch.randn(size, generator=made, dtype=torch.float64)
+
+
+def card(radius: float = 0.0, far: float = 15.0) -> Tensor:
+    """Radii of a card of one radius before what is farther."""
+    radii = torch.full(SIZE, far, dtype=torch.float64)
+    radii[24:104, 40:152] = radius
+    return radii
+
+
+def slope() -> Tensor:
+    """Radii of a bent surface, at most 0.6 px per px."""
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    return 0.3 * x + 0.002 * (y[:, None] - 60) ** 2
+
+
+def in_levels(radius: Tensor, step: float) -> Tensor:
+    return (radius / step).round() * step
+
+
+def scene(radius: Tensor) -> Tensor:
+    """A card of one colour before ground of another."""
+    image = torch.tensor([0.1, 0.3, 0.9]).reshape(3, 1, 1).repeat(1, *SIZE)
+    image[:, radius < 5] = torch.tensor([0.8, 0.6, 0.2])[:, None]
+    return image
+
+
+@pytest.mark.parametrize("amount", [0.05, 0.1, 0.3, 0.6])
+@pytest.mark.parametrize("shape", [card(), torch.zeros(SIZE), 0.1 * slope()])
+def test_noise_is_measured_whatever_the_shape(shape: Tensor, amount: float) -> None:
+    found = noise_of(shape + scatter(amount))
+    assert found is not None
+    assert found == pytest.approx(amount, rel=0.25)
+
+
+@pytest.mark.parametrize("amount", [0.2, 0.6])
+@pytest.mark.parametrize("shape", [slope(), in_levels(slope(), 0.2)])
+def test_noise_of_steep_surfaces_is_measured_where_it_is_more_than_their_steps(
+    shape: Tensor, amount: float
+) -> None:
+    found = noise_of(shape + scatter(amount))
+    assert found is not None
+    assert found == pytest.approx(amount, rel=0.35)
+
+
+def test_shapes_are_not_taken_for_noise() -> None:
+    for kind in ("plane", "floor", "cards", "thin", "lights", "most"):
+        assert noise_of(scenery(kind, *SIZE, 12.0).signed_radius) is None
+    checkers = torch.ones(SIZE).cumsum(0).add(torch.ones(SIZE).cumsum(1)) % 2
+    for shape in (
+        slope(),
+        in_levels(slope(), 0.2),
+        20 * torch.rand(SIZE),  # what scatters as much as surfaces differ
+        4 * checkers,
+        slope()[:, :1],
+        slope()[:1],
+        torch.zeros(1, 1),
+    ):
+        assert noise_of(shape) is None
+
+
+def test_a_noisy_part_of_a_frame_counts() -> None:
+    noise = scatter(0.3)
+    noise[:, 70:] = 0
+    assert noise_of(card() + noise) == pytest.approx(0.3, rel=0.25)
+    noise[:, 10:] = 0
+    assert noise_of(card() + noise) is None
+
+
+def test_noise_goes_and_edges_stay() -> None:
+    clean = card()
+    found = without_noise(clean + scatter(0.3), 0.3) - clean
+    assert float(found.std()) < 0.3 / 4
+    assert worst(without_noise(clean, 0.3), clean) == 0
+    wire = torch.full(SIZE, 9.0)
+    wire[:, 50:52] = 0.5
+    assert worst(without_noise(wire, 0.3), wire) == 0
+
+
+def test_no_pixel_stands_out_that_scatters_most() -> None:
+    """One that did would be an edge, and what hides nothing would be looked behind."""
+    found = without_noise(scatter(0.3, (600, 600)), 0.3)
+    assert float(found.abs().max()) < 0.6
+
+
+def test_slopes_stay() -> None:
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    plane = 0.4 * x - 0.2 * y[:, None]
+    assert worst(without_noise(plane, 0.3), plane) < 1e-12
+    assert worst(without_noise(slope(), 0.3), slope()) < 0.02
+
+
+def test_no_axis_is_the_first() -> None:
+    radius = card() + scatter(0.4)
+    found = without_noise(radius, 0.4)
+    for dim in (0, 1):
+        assert worst(without_noise(radius.flip(dim), 0.4).flip(dim), found) < 1e-12
+    assert worst(without_noise(radius.T, 0.4).T, found) < 1e-12
+
+
+def test_windows_make_what_the_whole_makes() -> None:
+    radius = card() + scatter(0.4)
+    whole = without_noise(radius, 0.4)
+    lazily = Mended(radius, lambda r: without_noise(r, 0.4), AROUND)
+    for box in (Box(0, 0, 40, 50), Box(60, 70, 68, 122), Box(30, 20, 1, 1)):
+        assert torch.equal(box.of(lazily), box.of(whole))
+
+
+def test_means_have_gradients() -> None:
+    radius = (card()[20:32, 36:48] + scatter(0.3, (12, 12))).requires_grad_()
+    assert torch.autograd.gradcheck(lambda r: without_noise(r, 0.3), radius)
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("amount", [0.1, 0.3, 0.5])
+def test_a_noisy_card_in_focus_has_no_holes(quality: str, amount: float) -> None:
+    """Up to half of the ground's colour was seen within it."""
+    image, radius = scene(card()), card() + scatter(amount)
+    found = render(image, radius, quality=quality).render
+    inside = Box(27, 43, 74, 106)
+    assert worst(inside.of(found), inside.of(image)) < 0.06
+
+
+def test_what_is_held_and_what_is_made_again_are_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Lazily:
+        """Radii that are not in memory."""
+
+        def __init__(self, radius: Tensor) -> None:
+            self._radius, self.shape = radius, tuple(radius.shape)
+            self.dtype, self.device = radius.dtype, radius.device
+
+        def __getitem__(self, window: object) -> Tensor:
+            return self._radius[window]  # type: ignore[index]
+
+    image, radius = scene(card()), (card() + scatter(0.3)).float()
+    whole = render(image, radius).render
+    for most in (0, 1 << 22):
+        monkeypatch.setattr(derived, "_HELD", most)
+        stream = Stream(image, Lazily(radius))
+        assert stream.mending.noise == pytest.approx(0.3, rel=0.1)
+        for part in stream.regions():
+            assert torch.equal(part.render, part.box.of(whole))

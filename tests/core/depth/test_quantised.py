@@ -1,0 +1,132 @@
+"""Depth in few levels looks like the slope that it was; flat cards and smooth depth stay."""
+
+import pytest
+import torch
+from measures import worst
+from torch import Tensor
+
+from defocus_core import render
+from defocus_core.depth.quantised import AROUND, without_terraces
+from defocus_core.engine.statistics import survey
+from defocus_core.images.box import Box
+from defocus_core.images.derived import Mended
+
+SIZE = (96, 144)
+LEVELS = 48
+
+
+def slope() -> Tensor:
+    """Radii of a bent surface from 0 to 38 px, at most 0.35 px per px."""
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    return 0.2 * x + 0.001 * (y[:, None] - 20) ** 2 + 0.02 * y[:, None]
+
+
+def in_levels(radius: Tensor, count: int = LEVELS) -> Tensor:
+    """The same in so many levels, evenly spaced."""
+    least, most = torch.aminmax(radius)
+    step = (most - least) / (count - 1)
+    return least + ((radius - least) / step).round() * step
+
+
+def seen(radius: Tensor) -> bool:
+    return survey(torch.rand(3, *radius.shape), radius, radius.dtype, 1).mending.terraces
+
+
+def cards() -> Tensor:
+    """Twelve level cards whose radii differ by 0.8 px."""
+    columns = (torch.arange(SIZE[1]) // 12).to(torch.float64)
+    return (0.8 * columns - 4).expand(SIZE).clone()
+
+
+def test_depth_in_few_levels_is_told_from_surfaces() -> None:
+    assert seen(in_levels(slope()))
+    assert seen(in_levels(slope().T.contiguous()))
+    assert not seen(slope())
+    assert not seen(cards())
+    assert not seen(in_levels(slope(), 20_000))
+    assert not seen(torch.full(SIZE, 3.0))
+    assert not seen(slope()[:, :1])
+    assert not seen(slope()[:1])
+    assert not seen(slope()[:, :1].repeat(1, SIZE[1]))  # what is level across is a smooth slope
+
+
+@pytest.mark.parametrize("height", [255, 256, 257, 258, 520])
+def test_a_band_of_a_few_rows_decides_nothing(height: int) -> None:
+    """Rows are looked at 256 at a time."""
+    tall = torch.nn.functional.interpolate(slope()[None, None], (height, SIZE[1]), mode="bilinear")
+    assert seen(in_levels(tall[0, 0]))
+
+
+def test_small_steps_become_slopes() -> None:
+    given = in_levels(slope())
+    found = without_terraces(given)
+    within = (slice(8, -8), slice(8, -8))
+    before, after = (abs(x - slope())[within] for x in (given, found))
+    assert after.max() < before.max()
+    assert after.mean() < before.mean() / 3
+    steps = [x[within].diff(dim=1).abs().max() for x in (given, found)]
+    assert steps[1] < steps[0] / 2
+
+
+def test_edges_and_what_is_steep_stay() -> None:
+    radius = torch.zeros(SIZE, dtype=torch.float64)
+    radius[:, 70:] = 1.5
+    assert without_terraces(radius) is radius
+    assert without_terraces(slope()) is not None
+    steep = 0.5 * torch.arange(SIZE[1], dtype=torch.float64).expand(SIZE)
+    assert without_terraces(steep) is steep
+
+
+def test_an_edge_beside_small_steps_is_no_softer() -> None:
+    radius = in_levels(slope())
+    radius[40:60, 50:100] = -9.0
+    found = without_terraces(radius)
+    assert torch.equal(found == -9, radius == -9)
+    assert found[radius != -9].amin() >= 0
+
+
+def test_windows_hold_what_the_whole_does() -> None:
+    radius = in_levels(slope())
+    whole, lazily = without_terraces(radius), Mended(radius, without_terraces, AROUND)
+    for box in (Box(0, 0, *SIZE), Box(10, 33, 40, 50), Box(90, 140, 6, 4)):
+        assert torch.equal(box.of(lazily), box.of(whole))
+
+
+def test_mirrored_and_turned_levels_are_mirrored_and_turned() -> None:
+    radius = in_levels(slope())
+    radius[10:80, 4:40] = 3.0
+    radius[30:50, 10:31] = 3.5  # a square whose sides end
+    found = without_terraces(radius)
+    assert 3.0 < found[29, 20] < found[30, 20] < 3.5
+    for dim in (-1, -2):
+        assert worst(without_terraces(radius.flip(dim)).flip(dim), found) < 1e-12
+    assert worst(without_terraces(radius.T).T, found) < 1e-12
+
+
+def test_depth_in_levels_has_a_gradient() -> None:
+    radius = in_levels(slope())[:12, 40:60].clone().requires_grad_()
+    assert bool((without_terraces(radius) != radius).any())
+    assert torch.autograd.gradcheck(without_terraces, radius)
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+def test_no_thin_lines_show_what_lies_far_behind(quality: str) -> None:
+    """A black surface in levels, bent about the focus, before a wall that is white."""
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    radius = (0.07 * (x - 60) + 0.03 * (y[:, None] - 40)).clamp(min=-3)
+    radius = in_levels(radius, 14)
+    image = torch.zeros(3, *SIZE)
+    squares = torch.linspace(29, 30, 10 * SIZE[1] // 4, dtype=torch.float64).reshape(10, -1)
+    radius[:40], image[:, :40] = squares.repeat_interleave(4, 0).repeat_interleave(4, 1), 1.0
+    radius[:, :20], image[..., :20] = 30.0, 1.0
+    assert seen(radius)
+    found = render(image, radius.float(), quality=quality).render[:, 56:-4, 36:-8]
+    rough = render(image, without_gaps(radius).float(), quality=quality).render[:, 56:-4, 36:-8]
+    assert worst(found, 0.0) < 0.03
+    assert worst(rough, 0.0) > 5 * worst(found, 0.0)
+
+
+def without_gaps(radius: Tensor) -> Tensor:
+    """The same radii, but for a grain that hides that they are few."""
+    grain = torch.rand(SIZE, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
+    return radius + 1e-5 * grain

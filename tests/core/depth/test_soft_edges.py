@@ -1,0 +1,226 @@
+"""Where depth is soft at an edge, the colours say where the edge is."""
+
+import pytest
+import torch
+from measures import inner, worst
+from scenes import RADII, pattern
+from torch import Tensor
+from torch.nn.functional import max_pool2d
+
+from defocus_core import render
+from defocus_core.depth.ramps import steepness, without_ramps
+from defocus_core.depth.soft_edges import (
+    AROUND,
+    hard_steps,
+    slope_of_soft_edges,
+    softness,
+    with_hard_edges,
+)
+from defocus_core.engine.statistics import survey
+from defocus_core.images.box import Box
+from defocus_core.images.derived import Mended
+from defocus_core.images.neighbourhoods import extreme_around
+
+SIZE = (60, 96)
+MIDDLE = SIZE[1] // 2
+NEAR, FAR = 0.0, 20.0
+
+
+def soft_depth(width: int = 7, shift: int = 0, near: float = NEAR, far: float = FAR) -> Tensor:
+    """Radii that ramp from near to far over `width` px, some px off the middle."""
+    x = torch.arange(SIZE[1], dtype=torch.float64) + 0.5 - MIDDLE - shift
+    return (near + (far - near) * (x / width + 0.5).clamp(0, 1)).expand(SIZE).clone()
+
+
+def two_colors(contrast: float = 1.0, texture: float = 0.0) -> Tensor:
+    """A green surface on the left, on the right a red one, perhaps with waves."""
+    picture = torch.tensor([0.5, 0.1, 0.4], dtype=torch.float64)[:, None, None].repeat(1, *SIZE)
+    picture *= 1 + texture * (pattern(SIZE, period=24.0) - 0.5)
+    picture[:, :, :MIDDLE] = torch.tensor([0.05, 0.5, 0.1], dtype=torch.float64)[:, None, None]
+    return 0.3 + contrast * (picture - 0.3)
+
+
+def hard_depth(near: float = NEAR, far: float = FAR) -> Tensor:
+    return soft_depth(1, 0, near, far)
+
+
+def bumpy(seed: int, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Colours and soft depth of some blobs, which do not quite agree."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def waves(cells: int) -> Tensor:
+        coarse = torch.randn(1, 1, -(-size[0] // cells), -(-size[1] // cells), generator=generator)
+        return torch.nn.functional.interpolate(coarse, size, mode="bicubic")[0, 0].double()
+
+    blobs = waves(24)
+    picture = torch.stack([(blobs + 0.2 * waves(6) > 0).double(), *(waves(8) for _ in range(2))])
+    return picture.abs() + 0.01, 25 * torch.sigmoid(4 * (blobs + 0.1 * waves(12)))
+
+
+@pytest.mark.parametrize("by", [1, 2, 5, 8])
+@pytest.mark.parametrize("size", [(20, 30), (1, 9), (9, 1), (3, 4), (1, 1)])
+def test_extremes_are_those_of_squares(by: int, size: tuple[int, int]) -> None:
+    values = torch.randn(2, *size)
+    most = max_pool2d(values, 2 * by + 1, stride=1, padding=by)
+    assert torch.equal(extreme_around(values, by, torch.maximum), most)
+    assert torch.equal(extreme_around(-values, by, torch.minimum), -most)
+    some = values[0] > 0.5
+    expected = max_pool2d(some[None].float(), 2 * by + 1, stride=1, padding=by)[0] > 0
+    assert torch.equal(extreme_around(some, by, torch.maximum), expected)
+
+
+@pytest.mark.parametrize("width", [4, 7, 10])
+@pytest.mark.parametrize("shift", [-6, -3, 0, 3, 6])
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_edge_lies_where_the_colours_change(width: int, shift: int, turned: bool) -> None:
+    radius, image = soft_depth(width, shift), two_colors()
+    if turned:
+        found = with_hard_edges(radius.T.contiguous(), image.mT.contiguous()).T
+    else:
+        found = with_hard_edges(radius, image)
+    assert torch.equal(found, hard_depth())
+    assert worst(without_ramps(radius), hard_depth()) > 0 or shift == 0
+
+
+@pytest.mark.parametrize("shift", [-4, 0, 4])
+def test_without_colours_it_stays_in_the_middle_of_the_ramp(shift: int) -> None:
+    found = with_hard_edges(soft_depth(7, shift), torch.full((3, *SIZE), 0.4).double())
+    assert bool(((found == NEAR) | (found == FAR)).all())
+    near = (found[SIZE[0] // 2] == NEAR).sum()
+    assert int(near) == pytest.approx(MIDDLE + shift, abs=1)
+
+
+@pytest.mark.parametrize("exposure", [1e-4, 1e4])
+def test_exposure_decides_nothing(exposure: float) -> None:
+    image, radius = bumpy(1, (120, 150))
+    assert torch.equal(with_hard_edges(radius, exposure * image), with_hard_edges(radius, image))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+def test_precision_decides_little(dtype: torch.dtype) -> None:
+    radius, image = soft_depth(7, 4).to(dtype), (100 * two_colors()).to(dtype)
+    assert torch.equal(with_hard_edges(radius, image), hard_depth().to(dtype))
+
+
+@pytest.mark.parametrize("kind", [kind for kind in RADII if kind != "random"])
+def test_surfaces_and_hard_edges_stay(kind: str) -> None:
+    radius = RADII[kind](SIZE)
+    assert with_hard_edges(radius, two_colors()) is radius
+
+
+@pytest.mark.parametrize("width", [2, 3])
+def test_an_edge_as_wide_as_a_pixel_or_two_is_no_soft_edge(width: int) -> None:
+    """Its place is known, whatever the colours."""
+    radius = soft_depth(width, 5)
+    assert torch.equal(with_hard_edges(radius, two_colors()), without_ramps(radius))
+
+
+def test_a_slope_beside_an_edge_stays() -> None:
+    tilt = 0.2 * (torch.arange(SIZE[0], dtype=torch.float64)[:, None] - SIZE[0] / 2)
+    found = with_hard_edges(soft_depth(7, 4) + tilt, two_colors())
+    assert worst(found, hard_depth() + tilt) < 0.2 * 24  # within the longest path
+    for columns in (slice(None, MIDDLE - 12), slice(MIDDLE + 18, None)):
+        assert torch.equal(found[:, columns], (hard_depth() + tilt)[:, columns])
+
+
+@pytest.mark.parametrize("dims", [(-1,), (-2,), (-1, -2)])
+def test_mirrored_pictures_are_mirrored(dims: tuple[int, ...]) -> None:
+    image, radius = bumpy(2, (90, 120))
+    found = with_hard_edges(radius, image)
+    assert bool((found != without_ramps(radius)).any())
+    assert worst(with_hard_edges(radius.flip(dims), image.flip(dims)).flip(dims), found) == 0
+    turned = with_hard_edges(radius.T.contiguous(), image.mT.contiguous())
+    assert worst(turned.T, found) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
+    image, radius = bumpy(seed, (200, 240))
+    whole = with_hard_edges(radius, image)
+    lazily = Mended(radius, with_hard_edges, AROUND, image)
+    for box in (Box(80, 90, 30, 40), Box(0, 100, 64, 64), Box(150, 0, 50, 240), Box(99, 99, 1, 1)):
+        assert torch.equal(box.of(lazily), box.of(whole))
+
+
+def told(radius: Tensor) -> bool:
+    seen = survey(torch.rand(3, *radius.shape), radius, torch.float64, 1)
+    if seen.mending.soft_edges is not None:
+        assert seen.mending.soft_edges == slope_of_soft_edges(seen.least, seen.most)
+    return seen.mending.soft_edges is not None
+
+
+@pytest.mark.parametrize("range_px", [20.0, 40.0, 80.0])
+def test_soft_edges_are_told_from_surfaces(range_px: float) -> None:
+    """Whatever the lens."""
+    for width, soft in ((5, True), (7, True), (12, True), (2, False), (60, False)):
+        assert told(soft_depth(width, far=range_px)) is soft
+    assert not told(soft_depth(7, far=4.0))  # of so little blur it does not show
+    for kind in ("slanted", "steps", "checkerboard"):
+        assert not told(RADII[kind](SIZE) * range_px / 20)
+    one = hard_depth(far=range_px)
+    one[30, MIDDLE - 2 : MIDDLE + 3] = torch.linspace(0, range_px, 5).double()
+    assert not told(one)  # a row of it is no edge
+
+
+def test_a_frame_of_few_pixels_has_surfaces_that_are_as_steep() -> None:
+    y, x = (torch.arange(n, dtype=torch.float64) for n in (16, 24))
+    radius = 0.5 * x + 0.4 * y[:, None]
+    assert not told(radius)
+    image = torch.rand(3, 16, 24, dtype=torch.float64)
+    assert torch.equal(with_hard_edges(radius, image, 0.2), without_ramps(radius, 0.2))
+
+
+def test_a_steep_surface_among_hard_edges_is_none() -> None:
+    """Like the side of a box."""
+    radius = hard_depth()
+    radius[10:20, 20:30] = torch.linspace(0, 20, 10).double()
+    radius[:, 70:] -= 12
+    assert bool((softness(steepness(radius)) > slope_of_soft_edges(0, 20)).any())
+    assert not told(radius)
+
+
+@pytest.mark.parametrize("height", [120, 255, 256, 257, 258, 259, 520])
+def test_bands_of_rows_decide_nothing(height: int) -> None:
+    """Rows are looked at 256 at a time."""
+    image, radius = bumpy(1, (height, 90))
+    steep = slope_of_soft_edges(float(radius.min()), float(radius.max()))
+    assert int((softness(steepness(radius)) > steep).sum()) > int(hard_steps(radius, steep))
+    assert told(radius)
+    assert not told(with_hard_edges(radius, image, steep))
+
+
+def test_each_radius_has_one_source() -> None:
+    """Radii are taken, not mixed: their gradients add up to one for each pixel."""
+    image, radius = bumpy(3, (60, 80))
+    given = radius.requires_grad_()
+    found = with_hard_edges(given, image)
+    weights = torch.rand_like(found)
+    (found * weights).sum().backward()
+    assert given.grad is not None
+    assert float(given.grad.sum()) == pytest.approx(float(weights.sum()))
+    assert bool((given.grad >= 0).all())
+
+
+@pytest.mark.parametrize("shift", [-5, 5])
+def test_a_sharp_subject_has_neither_a_halo_nor_a_blurred_rim(shift: int) -> None:
+    """Depth that is soft and 5 px off makes the picture that true depth makes."""
+    image = two_colors()
+    slats = 1 + 0.8 * torch.sin(torch.arange(SIZE[0], dtype=torch.float64))[:, None]
+    image[..., MIDDLE:] *= slats
+    true = render(image, hard_depth(far=12.0)).render
+    found = render(image, soft_depth(7, shift, far=12.0)).render
+    off = render(image, soft_depth(1, shift, far=12.0)).render
+    assert worst(inner(found, 4), inner(true, 4)) < 1e-6
+    assert worst(inner(off, 4), inner(true, 4)) > 0.1
+
+
+def test_low_contrast_is_enough() -> None:
+    image = two_colors(0.3)
+    assert torch.equal(with_hard_edges(soft_depth(7, 5), image), hard_depth())
+
+
+@pytest.mark.parametrize("shift", [-6, -3, 0, 3, 6])
+def test_texture_moves_an_edge_by_little(shift: int) -> None:
+    found = with_hard_edges(soft_depth(7, shift), two_colors(texture=0.4))
+    misplaced = int((found != hard_depth()).sum()) / SIZE[0]
+    assert misplaced < 2

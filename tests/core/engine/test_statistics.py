@@ -1,0 +1,110 @@
+"""A first look in bands of rows sees what a look at the whole sees."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core.depth.ramps import AROUND, without_ramps
+from defocus_core.engine.statistics import survey
+from defocus_core.images.box import Box
+from defocus_core.images.derived import Mended
+from defocus_core.images.source import bands, spread
+
+SIZE = (600, 24)
+
+
+def noise(*size: int) -> Tensor:
+    return torch.randn(size, generator=torch.Generator().manual_seed(3))
+
+
+def test_bands_are_all_rows_once() -> None:
+    for width in (24, 30_000, 10**7):
+        rows = [y for first, last in bands(SIZE[0], width) for y in range(first, last)]
+        assert rows == list(range(SIZE[0]))
+    assert len(bands(*SIZE)) > 2
+
+
+@pytest.mark.parametrize("row", [0, 255, 256, 598])
+def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 7.0
+    radius[row, 5] = 1.0
+    seen = survey(noise(3, *SIZE), radius, torch.float32, 1)
+    assert seen.steepest == (7.0, 1.0)
+    assert (seen.least, seen.most) == (0.0, 7.0)
+
+
+@pytest.mark.parametrize("row", [1, 254, 255, 256, 598])
+def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 4.0
+    assert not survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
+    radius[row, 5::4] = 2.0  # in two steps
+    assert survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
+    assert survey(noise(3, *SIZE[::-1]), radius.T, torch.float32, 2).mending.ramps
+
+
+@pytest.mark.parametrize("row", [3, 254, 255, 256, 590])
+def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 4.0
+    radius[row, 5] = 2.0
+    for width, ramps in ((12, True), (24, False)):
+        few = radius[:, :width]
+        assert survey(noise(3, *few.shape), few, torch.float32, 1).mending.ramps == ramps
+        assert survey(noise(3, *few.T.shape), few.T, torch.float32, 2).mending.ramps == ramps
+
+
+def test_brightness_is_that_of_the_brightest_channel() -> None:
+    image = noise(3, *SIZE)
+    seen = survey(image.half(), torch.zeros(SIZE), torch.float32, 2)
+    whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
+    for rank in (1, 5000, 14399, 14400):
+        low, high = seen.brightness.about(rank)
+        assert low <= float(whole[rank - 1]) <= high
+        assert seen.brightness.exactly(rank) == float(whole[rank - 1])
+    assert seen.darkest == float(image.half().min())
+
+
+def test_some_pixels_are_evenly_spread_across_bands() -> None:
+    image = noise(3, *SIZE).double()
+    some = image.amax(0)[::3, ::3]
+    seen = survey(image, torch.zeros(SIZE), torch.float64, 1)
+    assert seen.lit.total == some.numel()
+    assert seen.black == int((some <= 0).sum())
+    middle = some[some > 0].median()
+    rank = seen.black + int((some > 0).sum() + 1) // 2
+    assert seen.lit.exactly(rank) == float(middle)
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
+@pytest.mark.parametrize("row", [0, 300, 599])
+def test_what_is_not_finite_is_found_in_every_band(value: float, row: int) -> None:
+    image, radius = noise(3, *SIZE), torch.zeros(SIZE)
+    broken = image.clone()
+    broken[1, row, 3] = value
+    with pytest.raises(ValueError, match="image must be finite"):
+        survey(broken, radius, torch.float32, 1)
+    radius[row, 3] = value
+    with pytest.raises(ValueError, match="signed_radius must be finite"):
+        survey(image, radius, torch.float32, 1)
+
+
+def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None:
+    y = torch.arange(SIZE[0]).double()
+    radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
+    whole = without_ramps(radius)
+    assert not torch.equal(whole, radius)
+    lazily = Mended(radius, without_ramps, AROUND)
+    for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
+        assert torch.equal(box.of(lazily), box.of(whole))
+
+
+@pytest.mark.parametrize("length", [1, 7, 16, 33, 100])
+@pytest.mark.parametrize("every", [1, 3, 16])
+def test_what_is_looked_at_lies_alike_from_both_ends(length: int, every: int) -> None:
+    some = spread(length, every)
+    assert some == [length - 1 - i for i in reversed(some)] == sorted(set(some))
+    assert set(range(0, length, every)) <= set(some)
+    for first, end in ((0, length // 2), (length // 2, length), (length // 3, length // 2)):
+        assert spread(length, every, first, end) == [i - first for i in some if first <= i < end]

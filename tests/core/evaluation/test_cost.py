@@ -1,0 +1,120 @@
+"""Laws of the cost of a rendering: its work grows with what is done, its memory is a bound."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+from defocus_core import Stream, cost, memory_bound
+from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
+
+SIZE = (200, 300)
+# Renders a scene in a process of its own, and prints the most that it held beyond what it began
+# with, in bytes, and the bound.
+_PEAK = """
+import sys, torch
+from defocus_cli import memory
+from defocus_core import Stream, memory_bound
+from defocus_core.scenery import scenery
+
+torch.set_num_threads(1)
+memory.share_heap()
+kind, height, width, radius, quality, pair, threads = sys.argv[1:]
+threads, views = int(threads), pair == "pair"
+settings = {"left_right": views, "threads": threads}
+small = scenery(kind, 64, 96, 4.0)
+for _ in Stream(small[0], small[1], quality=quality, **settings).regions():
+    pass
+image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
+memory.reset_peak()
+before = memory.held_mb()
+stream = Stream(image, radii, quality=quality, **settings)
+bound = memory_bound(stream, threads, threads)
+for _ in stream.regions():
+    pass
+print(1e6 * (memory.peak_mb() - before), bound)
+"""
+
+
+def stream(kind: str, radius: float = 8.8, **settings: object) -> Stream:
+    image, signed_radius = scenery(kind, *SIZE, radius)[:2]
+    return Stream(image, signed_radius, **settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+def test_slices_and_tiles_are_those_of_the_rendering(kind: str, quality: str) -> None:
+    picture = stream(kind, quality=quality)
+    found = cost(picture)
+    for _ in picture.regions():
+        pass
+    for name in ("slices", "tiles", "slice_tiles"):
+        assert getattr(found, name) == picture.stats[name]
+    done = picture.stats["slice_tiles_done"] + picture.stats["slice_tiles_culled"]
+    assert found.slice_tiles_seen <= done or not done
+
+
+def test_work_grows_with_blur_views_quality_and_hidden_content() -> None:
+    plane = cost(stream("plane")).work
+    assert cost(stream("plane", radius=0.2)).work < plane
+    assert cost(stream("plane", left_right=True)).work > plane
+    assert cost(stream("plane", quality="high")).work > plane
+    assert min(cost(stream(kind)).work for kind in ("floor", "cards")) > plane
+
+
+def test_memory_grows_with_regions_at_once_threads_and_views() -> None:
+    large = scenery("cards", 1100, 2000, 8.8)
+    one = Stream(large[0], large[1])
+    assert memory_bound(one, 2, 2) > memory_bound(one, 2, 1) > memory_bound(one, 1, 1)
+    assert memory_bound(stream("cards", left_right=True), 1, 1) > memory_bound(
+        stream("cards"), 1, 1
+    )
+
+
+def test_double_precision_takes_twice_the_memory() -> None:
+    image, radius = (part.double() for part in scenery("cards", *SIZE, 8.8)[:2])
+    double = memory_bound(Stream(image, radius), 1, 1)
+    assert 1.4 < double / memory_bound(stream("cards"), 1, 1) <= 2.0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no system to reset the peak")
+@pytest.mark.parametrize(
+    "case",
+    [
+        "cards 512 768 40 standard centre 1",
+        "thin 384 576 24 high centre 2",
+        "lights 720 1280 16 standard pair 1",
+        "floor 1080 1920 32 draft centre 2",
+    ],
+)
+def test_no_rendering_takes_more_memory_than_its_bound(case: str) -> None:
+    command = [sys.executable, "-c", _PEAK, *case.split()]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    peak, bound = map(float, ran.stdout.split())
+    assert peak <= bound
+    assert bound < 6 * peak, "a bound that says nothing helps nobody"
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+def test_work_tells_seconds_within_a_factor_of_two(kind: str, quality: str) -> None:
+    torch.set_num_threads(1)
+
+    def seconds_per_unit(kind: str, quality: str) -> float:
+        image, radius = scenery(kind, 540, 960, 16.0)[:2]
+        picture = Stream(image, radius, quality=quality)
+        times = []
+        for _ in range(3):
+            start = time.process_time()
+            for _ in Stream(image, radius, quality=quality).regions():
+                pass
+            times.append(time.process_time() - start)
+        return min(times) / cost(picture).work
+
+    ratio = seconds_per_unit(kind, quality) / seconds_per_unit("thin", "standard")
+    assert 0.5 < ratio < 2

@@ -1,0 +1,66 @@
+"""Scenes made to be timed."""
+
+import pytest
+import torch
+
+from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
+
+SIZE = (60, 96)
+
+
+def radius(kind: str, r: float = 8.0) -> torch.Tensor:
+    return scenery(kind, *SIZE, r).signed_radius
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_scene_is_as_large_and_as_blurred_as_asked_for(kind: str) -> None:
+    image, r = scenery(kind, *SIZE, 8.0)
+    assert (image.shape, r.shape) == ((3, *SIZE), SIZE)
+    most = float(r.abs().max())
+    assert most <= 0.5 if kind == "focus" else 7.5 < most <= 8.0
+    assert float(image.min()) >= 0.0
+    assert float(image.max()) > 1.0 if kind == "lights" else float(image.max()) <= 1.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_scene_is_the_same_each_time(kind: str) -> None:
+    for one, other in zip(scenery(kind, *SIZE, 8.0), scenery(kind, *SIZE, 8.0), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_four_fifths_of_a_frame_are_in_focus() -> None:
+    assert float((radius("most").abs() < 0.5).double().mean()) == pytest.approx(0.8, abs=0.02)
+
+
+def test_a_floor_crosses_the_focus_without_a_step() -> None:
+    r = radius("floor")
+    assert float(r.diff(dim=0).abs().max()) < 0.5
+    assert float(r.min()) == pytest.approx(-float(r.max()))
+
+
+@pytest.mark.parametrize("kind", ["cards", "thin", "lights"])
+def test_surfaces_overlap(kind: str) -> None:
+    assert float(radius(kind).diff(dim=-1).abs().max()) > 1.5
+
+
+def test_cards_lie_on_both_sides_of_the_focus() -> None:
+    assert len(radius("cards").unique()) > 6
+    assert float(radius("cards").min()) < -6
+
+
+def test_lights_are_as_dense_at_any_size() -> None:
+    small, large = (scenery("lights", n, n, 2.0).image.amax(0) > 1 for n in (128, 256))
+    assert int(large.sum()) == pytest.approx(4 * int(small.sum()), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("flor", 9, 9, 1.0), "kind must be one of"),
+        (("floor", 0, 9, 1.0), "0"),
+        (("floor", 9, 9, -1.0), "radius"),
+    ],
+)
+def test_what_is_no_scene_is_refused(args: tuple[str, int, int, float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        scenery(*args)

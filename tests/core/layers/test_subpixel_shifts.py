@@ -1,0 +1,100 @@
+"""Near focus the halves are as far apart as the formula says, within a pixel too."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import Aperture, render
+from defocus_core.evaluation.law_probes import PERIOD, shift, wave
+
+SIZE = (24, 96)
+
+
+def expected(r: float) -> float:
+    """Px between waves seen through two half discs: near 8 r / (3π), and less for large radii."""
+    u = (torch.arange(2000, dtype=torch.float64) + 0.5) / 2000
+    weight, angle = (1 - u * u).sqrt(), 2 * math.pi * r * u / PERIOD
+    phase = math.atan2(float(weight @ angle.sin()), float(weight @ angle.cos()))
+    return 2 * phase * PERIOD / math.tau
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high", "reference"])
+@pytest.mark.parametrize("r", [-1.7, -0.9, -0.4, 0.0, 0.3, 0.5, 0.75, 1.0, 1.5, 1.9, 3.3, 5.0])
+def test_halves_are_as_far_apart_as_their_centroids(r: float, quality: str) -> None:
+    image = wave(SIZE)
+    radius = torch.full(image.shape[1:], r, dtype=torch.float64)
+    o = render(image, radius, quality=quality, left_right=True)
+    assert o.left is not None
+    assert o.right is not None
+    apart = shift(o.right) - shift(o.left)
+    few = 0.01 if abs(r) <= 1 else 0.065  # px
+    if quality == "draft":
+        few = 0.26  # up to 0.3 px is in focus in cells of two px
+    assert apart == pytest.approx(expected(r), abs=few)
+    assert expected(r) == pytest.approx(8 * r / (3 * math.pi), rel=0.03)
+    assert torch.allclose((o.left + o.right) / 2, o.render)
+
+
+def test_polygons_shift_by_their_own_centroids() -> None:
+    """A hexagon with vertices at ±x: its right half reaches from the middle to 7/18 on average."""
+    image, r = wave(SIZE), 0.6
+    radius = torch.full(image.shape[1:], r, dtype=torch.float64)
+    o = render(image, radius, aperture=Aperture(blades=6), left_right=True)
+    assert o.left is not None
+    assert o.right is not None
+    assert shift(o.right) - shift(o.left) == pytest.approx(2 * r * 7 / 18, abs=0.04)
+
+
+@pytest.mark.parametrize("quality", ["standard", "high"])
+@pytest.mark.parametrize("r", [-0.9, -0.5, 0.3, 0.6, 1.0])
+def test_halves_have_a_tail_on_one_side(r: float, quality: str) -> None:
+    """Where x³ is 0 a half shows the mean of the cube over its disc: 8 r³ / (15π)."""
+    x = torch.arange(33, dtype=torch.float64) - 16
+    image = (x**3).expand(1, 24, 33).clone()
+    radius = torch.full(image.shape[1:], r, dtype=torch.float64)
+    o = render(image, radius, quality=quality, left_right=True)
+    assert o.left is not None
+    assert o.right is not None
+    apart = float((o.left - o.right)[0, 12, 16])
+    assert apart == pytest.approx(16 * r**3 / (15 * math.pi), rel=1e-3)
+
+
+def test_what_counts_as_in_focus_is_not_shifted() -> None:
+    """And beyond it shifts begin without a step."""
+    image = wave(SIZE)
+    found = []
+    for r in (0.14, 0.151, 0.24, 0.26):
+        o = render(image, torch.full(image.shape[1:], r, dtype=torch.float64), left_right=True)
+        assert o.left is not None
+        assert o.right is not None
+        found.append(shift(o.right) - shift(o.left))
+    assert found[0] == 0
+    assert found[1] == pytest.approx(0, abs=0.01)
+    assert found[3] - found[2] < 0.05
+
+
+def test_colours_of_another_surface_have_no_part_in_a_shift() -> None:
+    """Two cards side by side, white and black: neither gets the other's colour within itself."""
+    image = torch.zeros(1, 24, 40, dtype=torch.float64)
+    image[..., 20:] = 1
+    radius = torch.full(image.shape[1:], 0.6, dtype=torch.float64)
+    apart = torch.where(image[0] > 0, -0.6, radius)
+    one, two = (render(image, r, left_right=True) for r in (radius, apart))
+    assert one.left is not None
+    assert two.left is not None
+    moved = [(o.left - o.render).abs().amax() for o in (one, two) if o.left is not None]
+    assert float(moved[0]) > 2 * float(moved[1])
+
+
+def test_shifts_of_less_than_a_pixel_have_gradients() -> None:
+    image = wave((8, 32)).requires_grad_()
+    radius = torch.full(image.shape[1:], 0.4, dtype=torch.float64, requires_grad=True)
+
+    def left(image: Tensor, radius: Tensor) -> Tensor:
+        found = render(image, radius, left_right=True).left
+        assert found is not None
+        return found
+
+    assert torch.autograd.gradcheck(left, (image, radius), fast_mode=True)

@@ -1,0 +1,140 @@
+"""Known hidden surfaces are used where they are known, and trust says where nothing was."""
+
+import pytest
+import torch
+from measures import inner, psnr, worst
+from reference import Layer, flatten, layered, lens_points
+from scenes import RADII, SIZE, card_layers, pattern, slanted
+from torch import Tensor
+from two_cards import BORDER, truths
+
+from defocus_core import QUALITIES, HiddenLayer, render
+
+
+def behind(card_r: float, background_r: float) -> HiddenLayer:
+    """All of the background of a card, as if the card were not there."""
+    color, radius = flatten(card_layers(card_r, background_r)[1:], SIZE)
+    return HiddenLayer(color, radius, torch.ones(SIZE, dtype=torch.bool))
+
+
+@pytest.mark.parametrize(("card_r", "background_r"), [(-7.0, 0.0), (-5.0, 6.0), (3.0, 8.0)])
+def test_what_is_known_behind_a_card_comes_closer_to_the_truth(
+    card_r: float, background_r: float
+) -> None:
+    image, radius = flatten(card_layers(card_r, background_r), SIZE)
+    truth = inner(truths(card_r, background_r, False)[0], BORDER)
+    hidden = behind(card_r, background_r)
+    for quality, gain in (("standard", 0.1), ("high", 1.0)):
+        guessed = inner(render(image, radius, quality=quality).render, BORDER)
+        known = inner(render(image, radius, quality=quality, hidden=hidden).render, BORDER)
+        assert psnr(known, truth) > psnr(guessed, truth) + gain
+
+
+def test_with_the_hidden_surface_known_quality_is_bought_with_parts_of_the_aperture() -> None:
+    image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
+    truth = inner(truths(-5.0, 6.0, False)[0], BORDER)
+    hidden = behind(-5.0, 6.0)
+    errors = [
+        psnr(inner(render(image, radius, quality=q, hidden=hidden).render, BORDER), truth)
+        for q in QUALITIES
+    ]
+    assert errors == sorted(errors)
+    assert errors[-1] > errors[1] + 2
+
+
+def test_behind_what_is_known_the_farthest_is_invented_where_the_lens_sees_past_that_too() -> None:
+    card, background = card_layers(-9.0, 3.0)
+    strip = torch.zeros_like(card.alpha)  # a wire, upright behind the card and nowhere else
+    strip[:, 40:43] = card.alpha[:, 40:43]
+    tint = torch.tensor([0.1, 0.2, 0.9], dtype=torch.float64)[:, None, None]
+    wire = Layer(tint * strip, strip, -6.0)
+    image, radius = flatten([card, background], SIZE)
+    truth = inner(layered([card, wire, background], lens_points(24), SIZE), BORDER)
+    color, behind_it = flatten([wire, background], SIZE)
+    hidden = HiddenLayer(color, behind_it, torch.ones(SIZE, dtype=torch.bool))
+    high, reference = (
+        psnr(inner(render(image, radius, quality=q, hidden=hidden).render, BORDER), truth)
+        for q in ("high", "reference")
+    )
+    assert reference > high + 2 > 40
+
+
+def test_what_is_unknown_is_invented_as_ever() -> None:
+    image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
+    hidden = behind(-5.0, 6.0)
+    nothing = hidden._replace(mask=torch.zeros(SIZE, dtype=torch.bool))
+    assert worst(render(image, radius, hidden=nothing).render, render(image, radius).render) < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["slanted", "level", "focused"])
+def test_all_of_a_smooth_surface_is_trusted(kind: str) -> None:
+    radius = {
+        "slanted": slanted(SIZE),
+        "level": torch.full(SIZE, 6.0, dtype=torch.float64),
+        "focused": torch.zeros(SIZE, dtype=torch.float64),
+    }[kind]
+    trust = render(pattern(SIZE), radius).trust
+    assert trust.shape == (1, *SIZE)
+    assert worst(inner(trust, BORDER), 1.0) < 0.01
+
+
+def test_trust_falls_where_the_lens_sees_past_an_edge_and_beyond_the_frame() -> None:
+    image, radius = flatten(card_layers(-7.0, 3.0), SIZE)
+    trust = render(image, radius).trust[0]
+    assert float(inner(trust[None], BORDER).min()) < 0.8
+    assert float(trust[0, 0]) < 0.5  # a corner sees a quarter of the frame
+    known = render(image, radius, hidden=behind(-7.0, 3.0)).trust
+    assert worst(inner(known, BORDER), 1.0) < 0.02
+
+
+@pytest.mark.parametrize("kind", RADII)
+def test_trust_is_a_share(kind: str) -> None:
+    trust = render(pattern(SIZE), RADII[kind](SIZE)).trust
+    assert 0 <= float(trust.min()) <= float(trust.max()) <= 1
+
+
+def wrong(**changes: Tensor) -> HiddenLayer:
+    return behind(-5.0, 6.0)._replace(**changes)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "message"),
+    [
+        (wrong(signed_radius=torch.zeros(3, 3)), "hidden must be color"),
+        (wrong(color=torch.full((3, *SIZE), torch.nan)), "hidden.color must be finite"),
+        (wrong(signed_radius=torch.full(SIZE, torch.inf)), "hidden.signed_radius must be finite"),
+    ],
+)
+def test_a_hidden_layer_that_does_not_fit_is_refused(hidden: HiddenLayer, message: str) -> None:
+    image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
+    with pytest.raises(ValueError, match=message):
+        render(image, radius, hidden=hidden)
+
+
+def test_what_is_known_behind_a_picture_of_great_range_keeps_the_dark_dark() -> None:
+    """Such a picture is computed in float64, and what lies behind it too."""
+    image, radius = flatten(card_layers(-5.0, 0.0), SIZE)
+    hidden = behind(-5.0, 0.0)
+    image[:, :3, :6] = 1e6
+    hidden.color[:, :3, :6] = 1e6
+    exact = render(image, radius, hidden=hidden).render[:, 12:, 14:]
+    single = HiddenLayer(hidden.color.float(), hidden.signed_radius.float(), hidden.mask)
+    seen = render(image.float(), radius.float(), hidden=single).render
+    assert seen.dtype == torch.float32
+    assert worst(seen[:, 12:, 14:] / exact, 1.0) < 1e-4
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_where_hidden_surfaces_meet_nothing_is_darker_or_brighter_than_they_are(
+    quality: str,
+) -> None:
+    """A bright wall in focus beside a dark one that is not, both behind a dark card."""
+    x = torch.arange(112, dtype=torch.float64).expand(96, -1)
+    y = torch.arange(96, dtype=torch.float64)[:, None].expand(-1, 112)
+    color, radius = torch.where(x < y + 8, 0.9, 0.05), torch.where(x < y + 8, 0.0, -8.0)
+    card = ((x - 56).abs() < 14) & ((y - 48).abs() < 30)
+    color, radius = torch.where(card, 0.05, color), torch.where(card, -16.0, radius)
+    found = render(color[None].to(x), radius.to(x), quality=quality).render
+    few = 5e-3 if quality == "draft" else 1e-3  # cells of two px become px by polynomials
+    assert float(found.min()) > 0.05 - few
+    assert float(found.max()) < 0.9 + few

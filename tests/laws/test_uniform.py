@@ -1,0 +1,257 @@
+"""White, focus, one plane, energy, borders: laws of the shipped `render` against the oracles.
+
+Pictures are waves of amplitude 0.4 and wavenumber k = 0.75 / px (`scenes.pattern`) in float64.
+"""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from measures import inner, second_moments, worst
+from reference import both, left, one_plane, polygon, right, whole
+from scenes import RADII, plane, white
+from tolerances import OVERSAMPLING, RENDERED, WHITE
+from torch import Tensor
+
+from defocus_core import QUALITIES, Aperture, render
+from defocus_core.layers.quality import find
+
+DISC, HEXAGON, PENTAGON = Aperture(), Aperture(6, 10.0), Aperture(5, 90.0)
+PUPILS = {
+    DISC: (whole, left, right),
+    HEXAGON: tuple(both(polygon(6, 10.0), side) for side in (whole, left, right)),
+    PENTAGON: tuple(both(polygon(5, 90.0), side) for side in (whole, left, right)),
+}
+EXACT = RENDERED[torch.float64]
+
+# A pixel between two rungs a < r < b keeps its second moment r²/4, not the fourth: a wave changes
+# by 0.4 (b² - a²)² k⁴ / 768 at most, 6e-3 for rungs 0.75 px apart. Below 2 px the pixel's own
+# moment of 1/12 px², which a delta has not, comes and goes: 0.4 k² / 24.
+BETWEEN_RUNGS = 1e-2
+# A half's first moment is off by 8/3π (r - a)(b - r)/(a + b), 0.08 px of a slope 0.4 k from 0 to
+# 0.75 px; where the frame cuts the aperture, so is the whole's.
+BETWEEN_FIRST_RUNGS = 4e-2
+
+
+def isolated(r: float, value: float = 1.0, ground: float = 0.0) -> tuple[Tensor, Tensor]:
+    """A bright pixel in a frame whose border its blur, 20 % wider at most, doesn't see."""
+    n = 2 * math.ceil(2.4 * abs(r)) + 9
+    image = torch.full((1, n, n), ground, dtype=torch.float64)
+    image[:, n // 2, n // 2] = value
+    return image, torch.full((n, n), r, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("aperture", PUPILS, ids=str)
+@pytest.mark.parametrize("kind", RADII)
+def test_white_stays_white(kind: str, aperture: Aperture) -> None:
+    image, radius = (x.float() for x in white(kind))
+    for quality in QUALITIES:
+        o = render(image, radius, aperture=aperture, quality=quality, left_right=True)
+        for picture in (o.render, o.left, o.right):
+            assert picture is not None
+            assert worst(picture, 1.0) < WHITE
+
+
+@settings(deadline=None, max_examples=25, derandomize=True)
+@given(
+    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
+    spread=st.sampled_from([0.2, 1.0, 5.0, 30.0, 400.0]),
+    blades=st.sampled_from([0, 3, 6]),
+    seed=st.integers(0, 1000),
+)
+def test_defocus_is_a_mean(size: tuple[int, int], spread: float, blades: int, seed: int) -> None:
+    """Nothing gets brighter than the brightest or darker than the darkest; white stays white."""
+    random = torch.Generator().manual_seed(seed)
+    image = torch.rand(2, *size, generator=random)
+    image[1] = 1.0
+    radius = spread * (2 * torch.rand(size, generator=random) - 1)
+    o = render(image, radius, aperture=Aperture(blades), left_right=True)
+    for picture in (o.render, o.left, o.right):
+        assert picture is not None
+        assert worst(picture[1], 1.0) < WHITE
+        if picture is not o.render and spread > 20:
+            continue  # the pair's mean is the centre, the halves of noise in depth alone are not
+        tolerance = WHITE if picture is o.render else 0.2  # shifts within a pixel are interpolated
+        assert picture[0].min() > image[0].min() - tolerance
+        assert picture[0].max() < image[0].max() + tolerance
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_in_focus_is_identity(quality: str) -> None:
+    image, radius = plane(0.0)
+    o = render(image, radius, quality=quality, left_right=True)
+    assert o.left is not None
+    if quality == "reference":  # sixteen parts sum up with rounding
+        assert worst(o.render, image) < 1e-14
+        assert worst(o.left, image) < 1e-14
+    else:
+        assert torch.equal(o.render, image)
+        assert torch.equal(o.left, image)
+
+
+def halves_of(image: Tensor, r: float, aperture: Aperture) -> tuple[Tensor, Tensor]:
+    """What each half sees of a plane, as shares of the picture that the whole aperture sees.
+
+    Where the frame cuts the aperture each half is cut by its own share, their mean by the whole's:
+    they keep the ratio of what they see, and the mean is the centre.
+    """
+    centre, one, other = (one_plane(image, r, pupil) for pupil in PUPILS[aperture])
+    return 2 * centre * one / (one + other), 2 * centre * other / (one + other)
+
+
+@pytest.mark.parametrize("aperture", PUPILS, ids=str)
+@pytest.mark.parametrize("r", [0.3, 0.6, 1.0, 2.3, -3.7, 6.3, -11.0, 30.0])
+def test_one_slice_is_one_convolution_over_the_share_in_the_frame(
+    r: float, aperture: Aperture
+) -> None:
+    """With one slice there are no rungs between which to stand: borders, halves, everything."""
+    image, radius = plane(r)
+    quality = "standard" if abs(r) < 20 else "reference"  # full resolution
+    o = render(image, radius, aperture=aperture, num_layers=1, left_right=True, quality=quality)
+    assert worst(o.render, one_plane(image, r, PUPILS[aperture][0])) < OVERSAMPLING
+    for picture, half in zip((o.left, o.right), halves_of(image, r, aperture), strict=True):
+        assert picture is not None
+        assert worst(picture, half) < OVERSAMPLING
+
+
+@pytest.mark.parametrize("aperture", PUPILS, ids=str)
+@pytest.mark.parametrize("r", [0.6, 1.0, 1.5, 2.3, -3.7, 4.0, 5.0, 6.3, -7.0, 11.0])
+def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
+    """On the ladder as well, up to the border."""
+    image, radius = plane(r)
+    border = math.ceil(1.2 * abs(r)) + 1  # a rung above r
+    o = render(image, radius, aperture=aperture, left_right=True)
+    error = o.render - one_plane(image, r, PUPILS[aperture][0])
+    assert worst(inner(error, border), 0.0) < BETWEEN_RUNGS
+    tolerance = BETWEEN_RUNGS if abs(r) > 2 else BETWEEN_FIRST_RUNGS
+    assert worst(error, 0.0) < tolerance
+    for picture, half in zip((o.left, o.right), halves_of(image, r, aperture), strict=True):
+        assert picture is not None
+        assert worst(picture, half) < 2 * tolerance
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("r", [4.0, 4.1, -5.3, 7.7, -9.9, 12.34, -17.0, 23.9])
+def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None:
+    """On rungs and between them, on both axes, less the 1/12 px² of a pixel.
+
+    A draft has cells of two px, of which a light is all.
+    """
+    picture = render(*isolated(r), quality=quality).render
+    cell = 0.4 if quality == "draft" else None
+    for moment in second_moments(picture):
+        assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01, abs=cell)
+
+
+@pytest.mark.parametrize("aperture", PUPILS, ids=str)
+@pytest.mark.parametrize("r", [6.0, -9.3, 20.0])
+def test_a_highlight_keeps_its_sum(r: float, aperture: Aperture) -> None:
+    picture = render(*isolated(r, 1e3, ground=0.1), aperture=aperture, left_right=True)
+    for image in (picture.render, picture.left, picture.right):
+        assert image is not None
+        # a rung above r is 20 % wider at most, the frame is 40 % wider: nothing is lost
+        assert float((image - 0.1).sum()) == pytest.approx(1e3 - 0.1, rel=1e-9)
+
+
+@pytest.mark.parametrize("r", [6.0, -9.3, 20.0])
+def test_the_disc_of_a_highlight_has_the_area_of_the_lens(r: float) -> None:
+    """π r²: r² exactly by the rungs' shares, 1 / area by less than a rung's spacing squared."""
+    disc = render(*isolated(r)).render[0]
+    assert float(disc.sum() / disc[disc.shape[0] // 2, disc.shape[1] // 2]) == pytest.approx(
+        math.pi * r * r, rel=0.01
+    )
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("r", [6.0, 9.3, -20.0])
+def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str) -> None:
+    """Of each side one anti-aliased pixel and the step between two rungs."""
+    disc = render(*isolated(r), quality=quality).render[0]
+    middle = disc.shape[0] // 2
+    profile = disc[middle] / disc[middle, middle]
+    high = 0.92 if quality == "draft" else 0.98  # of cells of two px made by polynomials
+    rim = int(((profile > 0.02) & (profile < high)).sum()) / 2
+    spacing = max(find(quality).near_spacing, find(quality).far_spacing * abs(r))
+    assert rim <= math.ceil(1 + spacing)
+
+
+def test_rounding_beside_a_highlight_stays_below_what_shows() -> None:
+    image, radius = isolated(8.0, 1e3, ground=0.1)
+    picture = render(image.float(), radius.float()).render
+    assert worst(picture[:, :6, :6], 0.1) < 1e-4 * 0.1
+
+
+@pytest.mark.parametrize("r", [1000.0, -1000.0])
+def test_nothing_is_invented_beyond_the_border(r: float) -> None:
+    """Far out of focus every pixel is the mean of the frame.
+
+    The lens is 2000 px across here: within the frame its chords differ by 1e-4.
+    """
+    image, radius = plane(r, (9, 12))
+    assert worst(render(image, radius).render, image.mean((1, 2), keepdim=True)) < 1e-3
+
+
+@pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
+def test_the_middle_of_a_gaussian_is_brighter(psf_type: str) -> None:
+    disc = render(*isolated(9.0), aperture=Aperture(psf_type=psf_type), num_layers=1).render[0]
+    m = disc.shape[0] // 2
+    ratio = float(disc[m, m] / disc[m, m + 7])
+    assert ratio == pytest.approx(math.exp(49 / 162) if psf_type == "gaussian" else 1.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("r", [-10.8, 5.3, 12.0, 17.0, -23.0])
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_a_light_does_not_stop_itself(quality: str, r: float) -> None:
+    """Whatever the distance of the rungs between which its own surface lies."""
+    image = torch.zeros(1, 121, 121, dtype=torch.float64)
+    image[0, 60, 60] = 50.0
+    plane_of_light = torch.full((121, 121), r, dtype=torch.float64)
+    seen = render(image, plane_of_light, quality=quality).render
+    assert float(seen.sum()) == pytest.approx(50.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 8, 16])
+def test_few_layers_keep_the_energy_of_a_light(count: int) -> None:
+    image = torch.zeros(1, 81, 161, dtype=torch.float64)
+    image[0, 40, 80] = 50.0
+    radius = torch.zeros(81, 161, dtype=torch.float64)
+    radius[:, :3], radius[:, -3:] = -30.0, 30.0
+    seen = render(image, radius, num_layers=count).render
+    assert float(seen.sum()) == pytest.approx(50.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
+    """Parts count by their area: a triangle's halves are not equal."""
+    image, radius = plane(9.0)
+    triangle = Aperture(3)
+    fine = render(image, radius, aperture=triangle, quality="standard").render
+    seen = render(image, radius, aperture=triangle, quality=quality).render
+    assert worst(inner(seen, 12), inner(fine, 12)) < 7e-3  # other rungs, cells of two px
+
+
+@pytest.mark.parametrize("edges", [False, True])
+def test_what_is_in_focus_is_copied_wherever_it_is(edges: bool) -> None:
+    """Region by region, to the last bit, also beside a blurred part and in every output."""
+    image = torch.rand(3, 300, 1500, generator=torch.Generator().manual_seed(8))
+    radius = torch.full((300, 1500), 0.1)
+    radius[:, :500] = torch.linspace(5.0, 0.1, 500)
+    if edges:
+        radius[:, :300] = -6.0
+    with torch.no_grad():
+        seen = render(image, radius, left_right=True)
+    for picture in (seen.render, seen.left, seen.right):
+        assert picture is not None
+        assert torch.equal(picture[..., 900:], image[..., 900:])
+    assert (seen.trust[..., 900:] == 1).all()
+    assert 0 < seen.stats["pixels_copied"] < image[0].numel()
+    assert worst(render(image, radius.requires_grad_()).render.detach(), seen.render) < 2e-6
+
+
+def test_pixels_count_as_blurred_where_slices_were_asked_for() -> None:
+    image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 0.1)
+    with torch.no_grad():
+        assert torch.equal(render(image, radius).render, image)
+        assert render(image, radius, num_layers=3).stats["pixels"] == 2000

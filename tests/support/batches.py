@@ -1,0 +1,117 @@
+"""Small batches for the tests."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import Ran, pair, render
+
+from defocus_cli.batch import local_process
+from defocus_cli.batch.execution import Chunk, Done, Execute
+from defocus_cli.jobs.job import Job, lens_record
+from defocus_cli.journal import identity
+from defocus_cli.options.batch import Crew
+
+JOBS = """
+[inputs]
+color = "rgb/*.exr"
+depth = "depth/*.exr"
+[lens]
+focal-length = "50mm"
+fnumber = 2
+[sweep]
+focus = ["1.5m", "2m"]
+[outputs]
+kinds = ["coc"]
+"""
+
+
+def jobs_file(folder: Path, *stems: str, text: str = JOBS) -> Path:
+    """A jobs file, and two lenses' worth of pictures beside it."""
+    for stem in stems or ("a", "b"):
+        for file in pair(folder, stem):
+            os.utime(file, (0, 0))  # a time that is relied on
+    path = folder / "jobs.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """Directories of three pictures."""
+    for stem in "abc":
+        color, depth = pair(tmp_path, stem)
+    return color.parent, depth.parent
+
+
+def again(folders: tuple[Path, Path], out: Path, *args: str) -> Ran:
+    """The CoC of these pictures, whatever was done before."""
+    return render(*folders, "-o", out, "--outputs", "coc", *args)
+
+
+def records(out: Path, name: str = "journal.jsonl") -> list[dict[str, Any]]:
+    lines = (out / name).read_text().splitlines()
+    return [json.loads(line) for line in lines if line]
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    """All files but journals."""
+    found = {path for path in out.rglob("*") if path.is_file() and "journal" not in path.name}
+    return {str(path.relative_to(out)): path.read_bytes() for path in found}
+
+
+def without_times(out: Path) -> list[dict[str, Any]]:
+    """The records by name, less what differs from one run to another."""
+    found = []
+    for record in records(out):
+        for stamp in record["outputs"].values():
+            stamp.pop("mtime_ns", None)
+        found.append({k: v for k, v in record.items() if k not in ("seconds", "finished")})
+    return sorted(found, key=lambda record: str(record["sample_id"]))
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Batches are computed in the process of the test, which has torch already."""
+    monkeypatch.setattr(Crew, "execute", lambda crew: local_process.execute)
+
+
+def make_believe(out: Path) -> Execute:
+    """Does jobs without computing anything; the files are there, and hold their names."""
+
+    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        for chunk in chunks:
+            for number, job in chunk:
+                done(number, _pretended(job, out))
+
+    return execute
+
+
+def _pretended(job: Job, out: Path) -> dict[str, Any]:
+    outputs = {}
+    for name, path in job.names.items():
+        (out / path).parent.mkdir(exist_ok=True)
+        (out / path).write_text(path)
+        outputs[name] = {"path": path, **identity.stamp(out / path)}
+    return {
+        "status": "ok",
+        "reason": None,
+        "message": "",
+        "inputs": {r: identity.stamp(p) for r, p in job.picture.files.items()},
+        "outputs": outputs,
+        "lens": lens_record(job.lens),
+        "size": [1, 1],
+        "coc_px": [0.0, 1.0],
+        "color_note": "",
+        "depth_note": "",
+        "device": "cpu",
+        "quality": "standard",
+        "warnings": [],
+        "seconds": {"read": 0.0, "render": 0.0, "write": 0.0, "cpu": 0.0},
+        "stats": {},
+    }

@@ -1,0 +1,184 @@
+"""A device that is not the CPU, pretended: what breaks there is found where there is no GPU.
+
+Its tensors say that they are on another device and hold their values on the CPU. Who mixes both,
+or takes for granted that tensors are on the CPU, fails as on a GPU; who waits for a value is noted.
+What only a GPU does (its rounding, its memory) is not pretended.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_flatten, tree_map
+
+from defocus_core.runtime import checkpointing
+
+# A device that is there without hardware; what is really on it has no values, which is noticed.
+NAME = "meta"
+
+# Operations whose result the host must have before it goes on.
+_WAITED = {
+    "aten::_local_scalar_dense",
+    "aten::nonzero",
+    "aten::masked_select",
+    "aten::_unique2",
+    "aten::unique_consecutive",
+    "aten::equal",
+}
+_INDEXED = {"aten::index", "aten::index_put", "aten::index_put_"}
+# What may take a tensor from one device to another.
+_MOVING = {"aten::copy_", "aten::_to_copy"}
+
+# Operations waited for, by name.
+waits: Counter[str] = Counter()
+
+
+class Elsewhere(Tensor):
+    """A tensor on the other device."""
+
+    held: Tensor
+
+    @staticmethod
+    def __new__(cls, held: Tensor) -> Elsewhere:
+        made: Elsewhere = Tensor._make_wrapper_subclass(
+            cls,
+            held.size(),
+            strides=held.stride(),
+            storage_offset=held.storage_offset(),
+            dtype=held.dtype,
+            device=NAME,
+        )
+        made.held = held
+        return made
+
+    def __repr__(self, **_: object) -> str:  # type: ignore[override]
+        return f"Elsewhere({self.held})"
+
+    def tolist(self) -> list[Any]:
+        waits["tolist"] += 1
+        return self.held.tolist()
+
+    @classmethod
+    def __torch_dispatch__(
+        cls, func: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> object:
+        return _run(func, args, kwargs or {})
+
+
+def there(values: Tensor) -> Tensor:
+    """The same on the other device."""
+    return Elsewhere(values)
+
+
+def here(values: Tensor) -> Tensor:
+    """The values of a tensor that must be on the other device."""
+    assert isinstance(values, Elsewhere)
+    return values.held
+
+
+def _run(func: Any, args: Any, kwargs: Any) -> object:
+    """An operation on the device on which its tensors are, or that it names."""
+    name = func._schema.name
+    tensors = [x for x in tree_flatten((args, kwargs))[0] if isinstance(x, Tensor)]
+    away = [x for x in tensors if isinstance(x, Elsewhere)]
+    others = [x for x in tensors if not isinstance(x, Elsewhere)]
+    assert all(x.device.type == "cpu" for x in others), f"{name}: made beside the pretended device"
+    device = kwargs.get("device")
+    named = None if device is None else torch.device(device).type
+    if not away and named != torch.device(NAME).type:
+        return func(*args, **kwargs)
+    index = [x for x in args[1] if x is not None] if away and name in _INDEXED else []
+    if not isinstance(args[0] if args else None, Tensor) or isinstance(args[0], Elsewhere):
+        others = [x for x in others if not any(x is i for i in index)]  # indices may be here
+    if name not in _MOVING:
+        assert not any(x.dim() for x in others if away), f"{name}: tensors on two devices"
+    leaves = (name == "aten::_to_copy" and named == "cpu") or (
+        name == "aten::copy_" and not isinstance(args[0], Elsewhere)
+    )
+    if leaves or (away and name in _WAITED) or any(i.dtype == torch.bool for i in index):
+        waits[name] += 1
+    if device is not None:
+        kwargs = {**kwargs, "device": "cpu"}
+    plain = tree_map(_held, (args, kwargs))
+    result = func(*plain[0], **plain[1])
+    if leaves or name == "aten::_local_scalar_dense":
+        return result
+    changed = {id(x.held): x for x in away} if func._schema.is_mutable else {}
+
+    def moved(x: object) -> object:
+        if not isinstance(x, Tensor):
+            return x
+        if id(x) in changed:
+            return changed[id(x)]
+        return Elsewhere(x.resolve_conj().resolve_neg())
+
+    return tree_map(moved, result)
+
+
+def _held(x: object) -> object:
+    return x.held if isinstance(x, Elsewhere) else x
+
+
+class _Made(TorchDispatchMode):
+    """What is made on the other device."""
+
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> object:
+        return _run(func, args, kwargs or {})
+
+
+class _Given(TorchFunctionMode):
+    """What is made on the other device of numbers of Python's."""
+
+    def __torch_function__(
+        self, func: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> object:
+        kwargs = dict(kwargs or {})
+        if func is torch.as_tensor and isinstance(args[0], Tensor):
+            return args[0].to(**kwargs)
+        if func in (torch.tensor, torch.as_tensor):
+            device = kwargs.pop("device", None)
+            made = func(*args, **kwargs)
+            return made if device is None else made.to(device)
+        if func is Tensor.new_tensor and isinstance(args[0], Elsewhere):
+            return Elsewhere(args[0].held.new_tensor(*args[1:], **kwargs))
+        if func in (Tensor.__getitem__, Tensor.__setitem__):
+            index = args[1] if isinstance(args[1], tuple) else (args[1],)
+            index = tuple(torch.tensor(i) if isinstance(i, list) else i for i in index)
+            args = (args[0], index if isinstance(args[1], tuple) else index[0], *args[2:])
+        return func(*args, **kwargs)
+
+
+@contextmanager
+def elsewhere() -> Iterator[None]:
+    """Where the other device is known."""
+    waits.clear()
+    with _known(), pytest.MonkeyPatch.context() as patch:
+        # views of what was made in another mode have no version, of subclasses
+        patch.setattr(torch, "inference_mode", lambda mode=True: nullcontext())
+        checkpoint = checkpointing.checkpoint
+
+        def again(work: Callable[[object], object], *args: object, **options: object) -> object:
+            def worked(*pieces: object) -> object:
+                with _known():  # modes are those of whom the backward pass belongs to
+                    return work(*pieces)
+
+            return checkpoint(worked, *args, **options)
+
+        patch.setattr(checkpointing, "checkpoint", again)
+        yield
+
+
+@contextmanager
+def _known() -> Iterator[None]:
+    with _Made(), _Given():
+        yield

@@ -1,0 +1,88 @@
+"""Workers that render nothing and start at once; some jobs are bad for them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from defocus_cli.batch import job_result, worker
+from defocus_cli.batch.worker import READY
+from defocus_cli.jobs.job import Job
+from defocus_cli.journal.identity import core_version
+from defocus_cli.journal.plain_values import typed
+from defocus_cli.rendering import job_steps
+from defocus_cli.system.safe_files import leftover
+
+
+def result_of(job: Job) -> dict[str, Any]:
+    """What became of a job: who did it."""
+    name = job.sample_id
+    if name.startswith("deadly"):
+        path = job.written[0]
+        path.parent.mkdir(exist_ok=True)
+        for end in ("0.tmp", "before"):
+            path.with_name(leftover(path, os.getpid()) + end).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if name.startswith("once"):
+        mark = Path(job.picture.color)
+        if not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+    if name.startswith("slow"):
+        time.sleep(0.05)
+    return {"status": "ok", "reason": None, "by": os.getpid(), "name": name}
+
+
+def serve(connection: Connection) -> None:
+    """Do what comes through the connection."""
+    connection.send(READY)
+    while (numbered := connection.recv()) is not None:
+        number, job = numbered
+        connection.send((number, result_of(job)))
+
+
+def serve_slowly(connection: Connection) -> None:
+    """Do what comes as a real worker does, whose steps take their time and make nothing."""
+
+    def compute(ready: Any, progress: Any) -> dict[str, Any]:
+        time.sleep(0.5)
+        return {"status": "ok", "reason": None}
+
+    job_result.Reader = lambda: SimpleNamespace(
+        read=lambda job: SimpleNamespace(job=job, result=None)
+    )
+    job_result.compute, job_steps.load = compute, lambda: None
+    worker.serve(connection)
+
+
+def serve_on(connection: Connection) -> None:
+    """Be at something that takes a minute."""
+    worker.end_with_coordinator()
+    connection.send(READY)
+    time.sleep(60)
+
+
+def serve_nobody(connection: Connection) -> None:
+    """Die before any work."""
+    os._exit(7)
+
+
+def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """What a Dask worker does."""
+    results = [result_of(typed(Job, job)) for job in jobs]
+    return {"version": core_version(), "results": results}
+
+
+def do_in_another_version(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """What a Dask worker does that has not been updated."""
+    return {**do(jobs, threads), "version": "0.0.1"}
+
+
+def cannot_do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """What a Dask worker does that lacks something."""
+    raise ModuleNotFoundError("No module named 'torch'")

@@ -1,0 +1,51 @@
+"""Pictures read through windows, and put together from the regions of a stream."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from defocus_core import Views
+from defocus_core.stream import Stream
+
+KINDS = ("render", "left", "right")
+
+
+@dataclass
+class Windows:
+    """A source that remembers how much of it was looked at at once."""
+
+    whole: Tensor
+    largest: int = 0
+    looked_at: int = 0
+    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(self.whole.shape)
+
+    @property
+    def dtype(self) -> torch.dtype:
+        return self.whole.dtype
+
+    def __getitem__(self, window: Any) -> Tensor:
+        found = self.whole[window].clone()
+        self.largest = max(self.largest, found[..., :, :].shape[-2])
+        self.looked_at += found[0].numel() if found.dim() > 2 else found.numel()
+        return found
+
+
+def put_together(stream: Stream, at_once: int | None = None) -> dict[str, Tensor]:
+    (H, W), found = stream.size, {}
+    for part in stream.regions(at_once):
+        for kind in (*KINDS, "trust"):
+            pixels = getattr(part, kind)
+            if pixels is not None:
+                whole = found.setdefault(kind, torch.full((*pixels.shape[:-2], H, W), torch.nan))
+                part.box.of(whole).copy_(pixels)
+    return found
+
+
+def same(found: dict[str, Tensor], rendering: Views) -> bool:
+    return all(torch.equal(found[kind], getattr(rendering, kind)) for kind in found)
