@@ -21,7 +21,7 @@ from defocus_cli.how import Chunk, How
 from defocus_cli.interrupts import Interrupts
 from defocus_cli.job import Job
 from defocus_cli.journal import Journal, Record, journal_path, told_path
-from defocus_cli.lock import locked
+from defocus_cli.lock import Check, LockLost, locked
 from defocus_cli.placement import refuse_unwritable
 from defocus_cli.plan import Plan, make_plan
 from defocus_cli.remains import Remains
@@ -70,15 +70,17 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
         refuse_unwritable(outputs)
     made = _made_directories(out)
     try:
-        with locked(out, how.shard, say=report.say):
-            return _carried_out(jobs, out, how, listener)
+        with locked(out, how.shard, say=report.say) as require_lock:
+            return _carried_out(jobs, out, how, listener, require_lock)
     finally:
         for folder in made:
             with suppress(OSError):  # something was written
                 folder.rmdir()
 
 
-def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> Summary:
+def _carried_out(
+    jobs: Sequence[Job], out: Path, how: How, listener: Listener, require_lock: Check
+) -> Summary:
     if how.shard is None and undertaking.plans(out):
         undertaking.sweep_up(out)
     plan = make_plan(jobs, out, how)
@@ -105,7 +107,11 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
             undertaking.take_over(out)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
-                _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
+                batch = _Batch(plan, out, how, listener, run, journal, summary, interrupts)
+                batch.do(require_lock)
+            require_lock()
+        except LockLost:  # the note of the run is another's by now
+            raise
         except BaseException:
             run.end(done=len(jobs) == 1)
             raise
@@ -135,11 +141,16 @@ class _Batch:
         self.remains = Remains(out)
         self.stopping = False
 
-    def do(self) -> None:
+    def do(self, require_lock: Check) -> None:
         """Do all, or as many as the user and the disk let us."""
         start = time.perf_counter()
+
+        def done(number: int, result: Result) -> None:
+            require_lock()
+            self.done(number, result)
+
         try:
-            self.how.execute(self.chunks(), self.done, self.stopped)
+            self.how.execute(self.chunks(), done, self.stopped)
         finally:
             self.summary.seconds = time.perf_counter() - start
             for line in self.remains.lines():
