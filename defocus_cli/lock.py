@@ -1,9 +1,10 @@
 """One writer for a journal: a lock file beside it that says who holds it.
 
-The lock is a lease of `filelock`. Its holder touches the file every second; a holder on this machine
-that runs no more loses it at once, any other that has not touched it for a minute, by the clock of
-who waits. ``.journal.lock`` is for all of OUT, ``.journal-2of8.lock`` for a shard of a batch; shards
-of one division go together, all else does not.
+The lock is a lease of `filelock`. Its holder touches the file every second. A holder on this
+machine that runs no more loses the lock at once; any other loses it when it has not touched the
+file for a minute, by the clock of the process that waits. ``.journal.lock`` is for all of OUT,
+``.journal-2of8.lock`` for a shard of a batch. Shards of one division run side by side; nothing else
+does.
 """
 
 from __future__ import annotations
@@ -59,8 +60,9 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check
     def require_held() -> None:
         owner = lease.owner
         if owner is None or owner.token != lease.token:
-            problem = f"was taken over by {_holder(lease) or 'nobody known, or removed'}"
-            raise LockLost(path, problem, "when that is done, run the same command again")
+            name = _holder(lease)
+            problem = f"was taken over by {name}" if name else "was removed while jobs were done"
+            raise LockLost(path, problem, "run the same command again, to go on or anew")
 
     try:
         _refuse_others(out, path, shard, say)
