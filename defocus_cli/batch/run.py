@@ -22,7 +22,7 @@ from defocus_cli.batch.superseded_files import Remains
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
 from defocus_cli.journal.journal import Journal, Record, journal_path, told_path
-from defocus_cli.journal.lock import locked
+from defocus_cli.journal.lock import Check, LockLost, locked
 from defocus_cli.journal.run_file import Undertaking
 from defocus_cli.system import console
 from defocus_cli.system.errors import InputError
@@ -71,15 +71,17 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
         refuse_unwritable(outputs)
     made = _made_directories(out)
     try:
-        with locked(out, how.shard, say=console.say):
-            return _carried_out(jobs, out, how, listener)
+        with locked(out, how.shard, say=console.say) as require_lock:
+            return _carried_out(jobs, out, how, listener, require_lock)
     finally:
         for folder in made:
             with suppress(OSError):  # something was written
                 folder.rmdir()
 
 
-def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> Summary:
+def _carried_out(
+    jobs: Sequence[Job], out: Path, how: How, listener: Listener, require_lock: Check
+) -> Summary:
     if how.shard is None and run_file.plans(out):
         run_file.sweep_up(out)
     plan = make_plan(jobs, out, how)
@@ -106,7 +108,11 @@ def _carried_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -
             run_file.take_over(out)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
-                _Batch(plan, out, how, listener, run, journal, summary, interrupts).do()
+                batch = _Batch(plan, out, how, listener, run, journal, summary, interrupts)
+                batch.do(require_lock)
+            require_lock()
+        except LockLost:  # the note of the run is another's by now
+            raise
         except BaseException:
             run.end(done=len(jobs) == 1)
             raise
@@ -136,11 +142,16 @@ class _Batch:
         self.remains = Remains(out)
         self.stopping = False
 
-    def do(self) -> None:
+    def do(self, require_lock: Check) -> None:
         """Do all, or as many as the user and the disk let us."""
         start = time.perf_counter()
+
+        def done(number: int, result: Result) -> None:
+            require_lock()
+            self.done(number, result)
+
         try:
-            self.how.execute(self.chunks(), self.done, self.stopped)
+            self.how.execute(self.chunks(), done, self.stopped)
         finally:
             self.summary.seconds = time.perf_counter() - start
             for line in self.remains.lines():

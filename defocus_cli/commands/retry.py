@@ -53,7 +53,7 @@ def command(
       defocus retry out --reason worker-died --processes 1
     """  # noqa: D301  click reads the backspace
     require_journal(out)
-    refuse_held(out)
+    refuse_held(out, say=console.say)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         console.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")

@@ -1,33 +1,36 @@
 """One writer for a journal: a lock file beside it that says who holds it.
 
-The system's own lock on that file decides among processes of one machine, and ends with its holder,
-however that ends. Other machines may not see it, so the holder touches the file every now and then:
-what one of another machine has not touched for minutes is stale. ``.journal.lock`` is for all of
-OUT, ``.journal-2of8.lock`` for a shard of a batch; shards of one division go together, all else
-does not.
+The lock is a lease of `filelock`. Its holder touches the file every second. A holder on this
+machine that runs no more loses the lock at once; any other loses it when it has not touched the
+file for a minute, by the clock of the process that waits. ``.journal.lock`` is for all of OUT,
+``.journal-2of8.lock`` for a shard of a batch. Shards of one division run side by side; nothing else
+does.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import socket
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from defocus_cli.journal.journal import Shard
 from defocus_cli.system.errors import InputError
-from defocus_cli.system.safe_files import is_at, unwritable
+from defocus_cli.system.safe_files import unwritable
 
-BEAT = 20.0  # seconds between two touches
-STALE = 300.0  # seconds without a touch
-PATIENCE = 10  # further attempts
+if TYPE_CHECKING:
+    from filelock import SoftFileLease  # its import takes 25 ms
+
+BEAT = 1.0  # seconds between two touches
+LEASE = 60.0  # seconds without a touch, after which another may take the lock
+GLANCE = 3.0  # seconds in which a holder has touched its lock, and a file that is no lock is seen
 Say = Callable[[str], object]
+Check = Callable[[], None]
+
+
+class LockLost(InputError):  # noqa: N818 - a mistake of nobody's
+    """Another process has taken the lock while this one did not run."""
 
 
 def lock_path(out: Path, shard: Shard | None = None) -> Path:
@@ -36,193 +39,121 @@ def lock_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 @contextmanager
-def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[None]:
+def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check]:
     """Hold the lock of an existing OUT, or of a shard, while the block runs.
 
     Args:
         out: the directory.
         shard: which part of a batch; None for all of it.
-        say: called with a line about a stale lock.
+        say: called with a line about a lock whose holder runs no more.
+
+    Yields:
+        A function that raises `LockLost` if the lock has been lost. Who was suspended calls it
+        before the next record.
 
     Raises:
         InputError: someone else holds it, or one that excludes it; or it cannot be written.
     """
     path = lock_path(out, shard)
-    number = _acquired(path, say)
-    ended = threading.Event()
-    threading.Thread(target=_beat, args=(path, ended), daemon=True).start()
+    lease = _acquired(path, say)
+
+    def require_held() -> None:
+        owner = lease.owner
+        if owner is None or owner.token != lease.token:
+            name = _holder(lease)
+            problem = f"was taken over by {name}" if name else "was removed while jobs were done"
+            raise LockLost(path, problem, "run the same command again, to go on or anew")
+
     try:
-        _refuse_others(out, path, shard)
-        yield
+        _refuse_others(out, path, shard, say)
+        yield require_held
     finally:
-        ended.set()
-        with suppress(OSError):
-            if is_at(path, number):  # else it is another's: OUT was removed, and made anew
-                path.unlink()
-        os.close(number)
+        with suppress(OSError):  # OUT may be gone
+            lease.release()
 
 
-def refuse_held(out: Path) -> None:
-    """Refuse an OUT that somebody writes to, before anything is said about what is in it.
+def refuse_held(out: Path, *, say: Say) -> None:
+    """Refuse an OUT that somebody writes to, before anything is said about the records in it.
 
     Raises:
         InputError: someone holds a lock.
     """
-    _refuse_others(out, None, None)
+    _refuse_others(out, None, None, say)
 
 
 def holder(out: Path, shard: Shard | None = None) -> str | None:
     """Who holds a lock, in words; None if nobody does."""
-    return _holder(lock_path(out, shard))
+    from filelock import LeaseSettingsMismatch
 
-
-def _refuse_others(out: Path, own: Path | None, shard: Shard | None) -> None:
-    for other in sorted(out.glob(".journal*.lock")):
-        who = None if other == own or _of_same_division(other, shard) else _holder(other)
-        if who is not None:
-            raise _held(other, who)
-
-
-def _holder(path: Path) -> str | None:
-    try:
-        number = os.open(path, os.O_RDWR)
-    except OSError:
+    lease = _lease(lock_path(out, shard))
+    name = _holder(lease)
+    if name is None:
         return None
     try:
-        free, told = _try(path, number)
-        return None if free else _words(told)
-    finally:
-        os.close(number)
-
-
-def _acquired(path: Path, say: Say) -> int:
-    """The open lock file, locked and ours."""
-    for patience in range(PATIENCE, -1, -1):
-        try:
-            number = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        except OSError as error:
-            raise unwritable(path, error) from error
-        free, told = _try(path, number)
-        if free and is_at(path, number):
-            if told:
-                say(f"{path}: left behind by {_words(told)}, which runs no more; taken over")
-            return _signed(path, number)
-        os.close(number)
-        if not free and not patience:
-            raise _held(path, _words(told))
-        time.sleep(0.05)  # someone may just be looking who holds it, or be giving it back
-    raise _held(path, "several processes that start and stop")
-
-
-def _signed(path: Path, number: int) -> int:
-    text = json.dumps({**_self(), "since": _now()}).encode()
-    try:
-        os.ftruncate(number, 0)
-        os.pwrite(number, text, 0)
-    except OSError as error:
-        os.close(number)
-        raise unwritable(path, error) from error
-    return number
-
-
-def _held(path: Path, who: str) -> InputError:
-    problem = f"{path.parent} is being written by {who}"
-    return InputError(path, problem, "wait for it, stop it, or choose another -o")
-
-
-def _try(path: Path, number: int) -> tuple[bool, dict[str, Any]]:
-    """Whether nobody holds an open lock file, and who held it last.
-
-    If nobody does we do from here on, where the system can lock files.
-    """
-    seen = _system_lock(number)
-    told = _read(number)
-    if seen is False:
-        return False, told
-    if not told:
-        return True, told
-    if told.get("host") == socket.gethostname() and (seen or os.name == "posix"):
-        return bool(seen) or not _runs(told), told
-    try:
-        return _age(path) > STALE, told
-    except FileNotFoundError:
-        return True, told
-
-
-def _system_lock(number: int) -> bool | None:
-    """Whether the system gave us its lock on a file; None if it has none to give."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return None
-    try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks
-        return None
-    return True
-
-
-def _runs(told: Mapping[str, Any]) -> bool:
-    """Whether the process that a lock names still runs, and is not another of its number."""
-    if told.get("pid") is None:
-        return False
-    try:
-        os.kill(int(told["pid"]), 0)
-    except PermissionError:
-        pass
-    except OSError:
-        return False
-    return _started(int(told["pid"])) in (None, told.get("started"))
-
-
-def _started(pid: int) -> str | None:
-    """When a process of this machine started, in the words of the system; None if untold."""
-    with suppress(OSError, IndexError):
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        return f"{boot} {Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[19]}"
+        lease.acquire(blocking=False)  # which succeeds if the holder runs no more
+    except (OSError, LeaseSettingsMismatch):
+        return name
+    lease.release()
     return None
 
 
-def _age(path: Path) -> float:
-    """Seconds since a lock was touched, by the clock of its file system."""
-    probe = path.with_name(f"{path.name}.{socket.gethostname()}.{os.getpid()}.tmp")
-    probe.touch()
+def _refuse_others(out: Path, own: Path | None, shard: Shard | None, say: Say) -> None:
+    for other in sorted(out.glob(".journal*.lock")):
+        of_same_division = shard is not None and other.name.endswith(f"of{shard.of}.lock")
+        if other != own and not of_same_division:
+            _acquired(other, say).release()
+
+
+def _lease(path: Path) -> SoftFileLease:
+    from filelock import SoftFileLease
+
+    # Any thread may ask whether the lock is still held.
+    return SoftFileLease(path, lease_duration=LEASE, heartbeat_interval=BEAT, thread_local=False)
+
+
+def _acquired(path: Path, say: Say) -> SoftFileLease:
+    """The lock, held; or an error that names its holder as soon as the holder touches it."""
+    from filelock import LeaseSettingsMismatch, Timeout
+
+    lease, touched = _lease(path), _touched(path)
+    before = _holder(lease)
+
+    def is_touched() -> bool:
+        return _touched(path) not in (None, touched)
+
     try:
-        return probe.stat().st_mtime - path.stat().st_mtime
-    finally:
-        probe.unlink()
+        try:
+            lease.acquire(timeout=GLANCE, poll_interval=0.05, cancel_check=is_touched)
+        except Timeout:
+            name = _holder(lease)
+            if name is None or is_touched():
+                raise
+            say(f"{path}: {name} has not touched it for {GLANCE:g} s; waiting {LEASE:g} s in all")
+            lease.acquire(timeout=LEASE + GLANCE, poll_interval=0.05, cancel_check=is_touched)
+    except (LeaseSettingsMismatch, Timeout) as error:
+        raise _held(path, _holder(lease)) from error
+    except OSError as error:
+        raise unwritable(path, error) from error
+    if before:
+        say(f"{path}: left behind by {before}, which runs no more; taken over")
+    return lease
 
 
-def _beat(path: Path, ended: threading.Event) -> None:
-    while not ended.wait(BEAT):
-        with suppress(OSError):
-            os.utime(path)
+def _held(path: Path, name: str | None) -> InputError:
+    if name is None:
+        return InputError(path, "names no holder", "if nobody writes to that directory, remove it")
+    problem = f"{path.parent} is being written by {name}"
+    return InputError(path, problem, "wait for it, stop it, or choose another -o")
 
 
-def _self() -> dict[str, Any]:
-    pid = os.getpid()
-    return {"host": socket.gethostname(), "pid": pid, "started": _started(pid)}
+def _holder(lease: SoftFileLease) -> str | None:
+    owner = lease.owner
+    return owner and f"process {owner.pid} on {owner.hostname.partition('?')[0]}"
 
 
-def _read(number: int) -> dict[str, Any]:
-    with suppress(ValueError):
-        told = json.loads(os.pread(number, 2**16, 0))
-        if isinstance(told, dict):
-            return told
-    return {}
-
-
-def _words(told: Mapping[str, Any]) -> str:
-    if not told:
-        return "a process that has just started"
-    return f"process {told.get('pid')} on {told.get('host')}, since {told.get('since')}"
-
-
-def _of_same_division(path: Path, shard: Shard | None) -> bool:
-    return shard is not None and path.name.endswith(f"of{shard.of}.lock")
-
-
-def _now() -> str:
-    return datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="seconds")
+def _touched(path: Path) -> tuple[int, int] | None:
+    """When a lock was touched, and which file it is; None if there is none."""
+    with suppress(OSError):
+        found = os.lstat(path)
+        return found.st_mtime_ns, found.st_ino
+    return None

@@ -27,10 +27,11 @@ def merge(out: Path) -> Merged:
         InputError: there is no journal, one is broken, or somebody is writing one.
     """
     journal.require_journal(out)
-    with locked(out, say=console.say):
+    with locked(out, say=console.say) as require_lock:
         shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]
         left = {shard: run_file.left(out, shard) for shard in shards}
         records = journal.read_all(out)
+        require_lock()
         if shards:
             with written_whole(journal.journal_path(out)) as file:
                 file.write(journal.merged(records))

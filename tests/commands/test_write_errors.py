@@ -153,7 +153,7 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
 
     monkeypatch.setattr(job_steps, at, removing)
     ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
-    refused(ran, 3, f"{out / 'journal.jsonl'}: was removed or replaced", "run the same command")
+    refused(ran, 3, f"{out / '.journal.lock'}: was removed", "run the same command")
     assert again or not out.exists()
 
 
