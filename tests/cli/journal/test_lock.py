@@ -113,7 +113,7 @@ def test_a_lock_that_nobody_touches_is_taken_over_whatever_its_clock_says(
 def test_a_holder_that_was_suspended_learns_that_it_lost_the_lock(tmp_path: Path) -> None:
     """As `kill -STOP` does, which suspends the thread that touches the lock, too."""
     script = (
-        "import sys; from pathlib import Path; from defocus_cli import lock\n"
+        "import sys; from pathlib import Path; from defocus_cli.journal import lock\n"
         "lock.BEAT, lock.LEASE, lock.GLANCE = 0.2, 1.0, 0.5\n"
         "with lock.locked(Path(sys.argv[1]), say=print) as require_held:\n"
         "    require_held(); print('held', flush=True); sys.stdin.readline()\n"
