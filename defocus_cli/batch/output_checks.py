@@ -86,6 +86,9 @@ def refuse_unwritable(outputs: Outputs) -> None:
     for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
+        if not folder.resolve().is_relative_to(outputs.root.resolve()):
+            problem = "is a link that leads out of the output directory"
+            raise InputError(folder, problem, "make it a directory, or name another -o")
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():
             raise InputError(existing, "is a file where a directory is needed", "choose another -o")

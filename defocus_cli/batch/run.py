@@ -82,7 +82,7 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
 def _carried_out(
     jobs: Sequence[Job], out: Path, how: How, listener: Listener, require_lock: Check
 ) -> Summary:
-    if how.shard is None and run_file.plans(out):
+    if how.shard is None:  # else others write here
         run_file.sweep_up(out)
     plan = make_plan(jobs, out, how)
     listener.planned(plan)
@@ -116,7 +116,7 @@ def _carried_out(
         except BaseException:
             run.end(done=len(jobs) == 1)
             raise
-        if how.shard is None:  # else others write here
+        if how.shard is None:
             run_file.sweep_up(out)
         run.end(done=summary.left == 0, settled=True)
     summary.interrupted = interrupts.asked

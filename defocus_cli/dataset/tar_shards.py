@@ -22,10 +22,11 @@ from typing import Any, BinaryIO
 
 from defocus_cli.dataset import sample_index
 from defocus_cli.dataset.sample_index import Record
+from defocus_cli.journal.run_file import SHARDS_FOLDER
 from defocus_cli.system.errors import InputError, reason
 from defocus_cli.system.safe_files import written_whole
 
-FOLDER = "shards"
+FOLDER = SHARDS_FOLDER
 LIST = "shards.json"
 _NAME = re.compile(r"samples-\d{6,}\.tar")
 
@@ -199,6 +200,8 @@ def _has_size(path: Path, size: object) -> bool:
 
 
 def _size(path: Path) -> int:
+    if path.is_symlink():  # which may lead to any file of this machine
+        raise InputError(path, "is a symbolic link, not an output", "put the file itself there")
     try:
         return path.stat().st_size
     except OSError as error:

@@ -1,9 +1,8 @@
 """The journal of OUT: a line of JSON for each job that came to an end, appended when it is durable.
 
 ``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
-of a batch did. Each record starts with its newline, so that a torn one cannot spoil the next; a
-torn tail is ignored, and cut off by who appends next. Where records speak of the same file, the
-last holds.
+of a batch did. A last line that is no JSON is a record whose writer died: it is ignored, and cut
+off before the next record is appended. Where records speak of the same file, the last holds.
 
 A record has
     sample_id   name of the sample, the stem of its files
@@ -33,7 +32,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from defocus_cli.journal.reasons import STATUSES
+from defocus_cli.journal.record_check import fault_of, folders_outside
 from defocus_cli.system.errors import InputError, reason
 from defocus_cli.system.safe_files import is_at, sync_folder, unwritable
 
@@ -93,7 +92,7 @@ def read(path: Path) -> list[Record]:
     """The records of a journal, none if it is missing.
 
     Raises:
-        InputError: it cannot be read, or a line is broken that is not the last.
+        InputError: it cannot be read, or a line is no record; a torn last line is ignored.
     """
     try:
         data = path.read_bytes()
@@ -103,41 +102,55 @@ def read(path: Path) -> list[Record]:
         remedy = "check its permissions"
         raise InputError(path, f"cannot be read: {reason(error)}", remedy) from error
     lines = data.split(b"\n")
+    while lines and not lines[-1]:
+        lines.pop()
+    outside = folders_outside(path.parent)
     records: list[Record] = []
     with without_collections():
         for start in range(0, len(lines), _BLOCK):
             block = lines[start : start + _BLOCK]
-            together = _together(block)
-            if together is None:
-                together = list(_one_by_one(path, block, start, last=len(lines)))
-            records += together
+            block_records = _parsed_block(block, outside)
+            if block_records is None:
+                one_by_one = _one_by_one(path, block, outside, start, last=len(lines))
+                block_records = list(one_by_one)
+            records += block_records
     return records
 
 
-def _together(lines: Sequence[bytes]) -> list[Record] | None:
-    """The records of lines that are all whole, keys shared; None if one is not."""
+def _parsed_block(lines: Sequence[bytes], outside: frozenset[str]) -> list[Record] | None:
+    """The records of lines that are all whole, keys shared; None if one line is no record."""
     with suppress(ValueError, RecursionError):
-        found = json.loads(b"[" + b",".join(filter(None, lines)) + b"]")
-        if all(map(_is_record, found)):
-            return list(found)
+        records: list[Record] = _parsed(b"[" + b",".join(filter(None, lines)) + b"]")
+        if not any(fault_of(record, outside) for record in records):
+            return records
     return None
 
 
-def _one_by_one(path: Path, lines: Sequence[bytes], start: int, *, last: int) -> Iterator[Record]:
+def _one_by_one(
+    path: Path, lines: Sequence[bytes], outside: frozenset[str], start: int, *, last: int
+) -> Iterator[Record]:
+    """The records of lines, each checked by itself, less the last line of all if it is torn."""
     for number, line in enumerate(lines, start + 1):
-        record = _parsed(line) if line else None
-        if record is not None:
-            yield record
-        elif line and number < last:
+        if not line:
+            continue
+        if _is_whole(line):
+            record = _parsed(line)
+            fault = fault_of(record, outside)
+        elif number == last:
+            return
+        else:
+            record, fault = None, "is broken"
+        if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
-            raise InputError(path, f"line {number}{_of_sample(line)} is broken", remedy)
+            raise InputError(path, f"line {number}{_of_sample(line)} {fault}", remedy)
+        yield record
 
 
 def _of_sample(line: bytes) -> str:
-    """Which sample a broken line speaks of, as far as it can be read."""
-    found = _SAMPLE.search(line)
+    """The name of the sample in a line that is no record, as far as it can be read."""
+    name = _SAMPLE.search(line)
     with suppress(ValueError):
-        return f", of {json.loads(found[1])}," if found else ""
+        return f", of {json.loads(name[1])}," if name else ""
     return ""
 
 
@@ -153,16 +166,20 @@ def without_collections() -> Iterator[None]:
             gc.enable()
 
 
-def _parsed(line: bytes) -> Record | None:
+def _parsed(line: bytes) -> Any:
+    return json.loads(line, parse_constant=_refuse_constant)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
+
+
+def _is_whole(line: bytes) -> bool:
+    """Whether a line is JSON; the beginning of a record, whose writer died, is not."""
     with suppress(ValueError, RecursionError):
-        record = json.loads(line)
-        if _is_record(record):
-            return dict(record)
-    return None
-
-
-def _is_record(value: object) -> bool:
-    return isinstance(value, dict) and value.get("status") in STATUSES and "outputs" in value
+        _parsed(line)
+        return True
+    return False
 
 
 def told_path(path: Path, out: Path) -> str:
@@ -204,7 +221,7 @@ class Journal:
         Raises:
             InputError: it cannot be written; nothing of it is. Or the journal is no longer there.
         """
-        line = b"\n" + json.dumps(record, allow_nan=False).encode()
+        line = json.dumps(record, allow_nan=False).encode() + b"\n"
         end = os.fstat(self._number).st_size
         try:
             if os.write(self._number, line) < len(line):  # the disk took a part
@@ -245,20 +262,21 @@ class Journal:
             raise InputError(self.path, problem, "run the same command again, to go on or anew")
 
     def _cut_torn_tail(self) -> None:
-        """Remove a record that was being written when its writer died."""
+        """Remove a record that was being written when its writer died; end the last whole line."""
         size = os.fstat(self._number).st_size
         tail, start = b"", size
-        while start and b"\n" not in tail:
+        while start and b"\n" not in tail.rstrip(b"\n"):
             step = min(2**16, start)
             start -= step
             tail = os.pread(self._number, step, start) + tail
-        last = tail.rpartition(b"\n")[2]
-        if last and _parsed(last) is None:
-            torn = size - len(last)
-            os.ftruncate(self._number, max(torn - 1, 0))
+        last = tail.rstrip(b"\n").rpartition(b"\n")[2]
+        if last and not _is_whole(last):
+            os.ftruncate(self._number, size - len(tail) + tail.rindex(last))
+        elif last and not tail.endswith(b"\n"):
+            os.write(self._number, b"\n")
 
 
 def merged(records: Sequence[Record]) -> bytes:
     """A journal of these records, each of them once."""
     lines = dict.fromkeys(json.dumps(record, allow_nan=False) for record in records)
-    return "".join(f"\n{line}" for line in lines).encode()
+    return "".join(f"{line}\n" for line in lines).encode()

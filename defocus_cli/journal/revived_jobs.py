@@ -35,7 +35,7 @@ def revived(record: Record, out: Path) -> Job:
     """
     asked, inputs = record["settings"], record["inputs"]
     try:
-        return Job(
+        job = Job(
             _picture(asked["stem"], inputs, out),
             typed(Lens, asked["lens"]),
             typed(Reading, asked["reading"]),
@@ -47,9 +47,12 @@ def revived(record: Record, out: Path) -> Job:
             ),
             asked["suffix"],
         )
-    except (KeyError, ValueError) as error:
+        if set(job.names.values()) != {stamp["path"] for stamp in record["outputs"].values()}:
+            raise ValueError("its settings name other files than its outputs")
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         problem = f"has a record of {record['sample_id']} that cannot be read: {error}"
         raise InputError(out, problem, "run 'defocus batch' again") from None
+    return job
 
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:

@@ -18,19 +18,18 @@ from typing import Any
 
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.journal.journal import Shard, journal_path, read
+from defocus_cli.journal.record_check import Types, is_moment, wrong_type
+from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import leftover, unwritable, written_whole
 
-_LEFTOVER = re.compile(r"\..+\.\d+(\.\d+\.tmp|\.before)")
+_PLAN: Types = {"begun": (str,), "left": (int,), "again": (int,)}
+_LEFTOVER = re.compile(r"\..+\.(\d+)(\.\d+\.tmp|\.before)")
+SHARDS_FOLDER = "shards"  # of tars
 
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:
     """The file of a run on OUT, or on a shard."""
     return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
-
-
-def plans(out: Path) -> list[dict[str, Any]]:
-    """What the runs on OUT set out to do that are at it or did not get to their end."""
-    return [plan for path in sorted(out.glob(".journal*.run")) for plan in _lines(path)[:1]]
 
 
 def plan_of(out: Path, shard: Shard | None) -> dict[str, Any] | None:
@@ -46,7 +45,7 @@ def begun(out: Path, shard: Shard | None = None) -> set[str]:
         shard: only what runs on this shard were about to write.
     """
     paths = out.glob(".journal*.run") if shard is None else [run_path(out, shard)]
-    return {name for path in paths for line in _lines(path)[1:] for name in line.get("files", ())}
+    return {name for path in paths for line in _lines(path)[1:] for name in line["files"]}
 
 
 class Undertaking:
@@ -145,16 +144,31 @@ def count_down(out: Path, shard: Shard, left: int) -> None:
 
 
 def sweep_up(out: Path) -> None:
-    """Remove what processes left half-written that were killed. Nobody else may write to OUT."""
-    for folder in (out, *(out / kind for kind in KINDS)):
+    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
+
+    The index and shards are written without the lock: those of a process that runs are left alone.
+    """
+    for folder in (out, out / SHARDS_FOLDER, *(out / kind for kind in KINDS)):
         with suppress(OSError):
             for entry in os.scandir(folder):
-                if _LEFTOVER.fullmatch(entry.name):
+                name = _LEFTOVER.fullmatch(entry.name)
+                if name and (folder.name in KINDS or not _runs(int(name[1]))):
                     Path(entry.path).unlink(missing_ok=True)
 
 
+def _runs(process: int) -> bool:
+    """Whether another process of this number runs on this machine."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # it is another user's
+        return True
+    return process not in (0, os.getpid())
+
+
 def sweep_up_after(process: int, files: Iterable[Path]) -> None:
-    """Remove what a process that is dead left half-written of these files."""
+    """Remove the half-written siblings of files that a dead process left."""
     for path in files:
         for left in path.parent.glob(f"{escape(leftover(path, process))}*"):
             if _LEFTOVER.fullmatch(left.name):
@@ -166,10 +180,43 @@ def _line(value: Mapping[str, Any]) -> bytes:
 
 
 def _lines(path: Path) -> list[dict[str, Any]]:
-    """The lines of a file, less one that is torn."""
-    found = []
-    with suppress(OSError):
-        for line in path.read_bytes().split(b"\n"):
-            with suppress(ValueError):
-                found.append(json.loads(line))
-    return found
+    """The lines of a file: the plan, then the files begun. A torn last line is left out.
+
+    Raises:
+        InputError: a line is something else.
+    """
+    try:
+        lines = path.read_bytes().split(b"\n")
+    except OSError:
+        return []
+    while lines and not lines[-1]:
+        lines.pop()
+    values: list[dict[str, Any]] = []
+    for number, line in enumerate(lines, 1):
+        try:
+            value = json.loads(line)
+        except (ValueError, RecursionError):
+            if number == len(lines):
+                break
+            value = None
+        fault = _fault_of(value, is_plan=number == 1)
+        if fault:
+            remedy = "remove the file, and what the run left half-written; the next run plans anew"
+            raise InputError(path, f"line {number} {fault}", remedy)
+        values.append(value)
+    return values
+
+
+def _fault_of(value: object, *, is_plan: bool) -> str | None:
+    """What is wrong with a line, as ``has no left``; None if nothing is."""
+    if not isinstance(value, dict):
+        return "is broken"
+    if is_plan:
+        fault = wrong_type({"again": 0, **value}, _PLAN)
+        if fault is None and not is_moment(value["begun"]):
+            return f"begun at {value['begun']!r}, which is no time with a zone"
+        return fault
+    fault = wrong_type(value, {"files": (list,)})
+    if fault is None and not all(isinstance(name, str) for name in value["files"]):
+        return "has files that are no text"
+    return fault

@@ -29,6 +29,11 @@ from defocus_cli.rendering import job_steps
 __all__ = ["folders", "in_process"]
 Computed = list[str]
 
+STOPPED_RUN = """\
+{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}
+{"files": ["coc/c.exr"]}
+"""
+
 
 @pytest.fixture
 def computed(monkeypatch: pytest.MonkeyPatch) -> Computed:
@@ -231,8 +236,10 @@ def test_what_a_killed_run_had_begun_is_its_own(
     """It wrote the file and did not live to say so."""
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
-    journal.write_bytes(journal.read_bytes().rpartition(b"\n")[0])
-    run.write_text('{"jobs": 3, "left": 3, "begun": ""}\n{"files": ["coc/c.exr"]}\n')
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
+    run.write_text(
+        '{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}\n{"files": ["coc/c.exr"]}\n'
+    )
     (out / "coc" / f".c.exr.{os.getpid()}.3.tmp").write_text("half")
     computed.clear()
     assert again(folders, out).code == 0
@@ -246,8 +253,10 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
 ) -> None:
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
-    journal.write_bytes(journal.read_bytes().rpartition(b"\n")[0])
-    run.write_text('{"jobs": 3, "left": 3, "begun": ""}\n{"files": ["coc/c.exr"]}\n')
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
+    run.write_text(
+        '{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}\n{"files": ["coc/c.exr"]}\n'
+    )
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
@@ -329,8 +338,8 @@ def test_a_broken_journal_stops_the_run(folders: tuple[Path, Path], out: Path) -
     again(folders, out)
     journal = out / "journal.jsonl"
     lines = journal.read_bytes().split(b"\n")
-    journal.write_bytes(b"\n".join([b"", b"scribble", *lines[1:]]))
-    refused(again(folders, out), 3, "journal.jsonl: line 2 is broken; remove that line")
+    journal.write_bytes(b"\n".join([b"scribble", *lines[1:]]))
+    refused(again(folders, out), 3, "journal.jsonl: line 1 is broken; remove that line")
 
 
 def test_a_copied_directory_goes_on_where_it_was(

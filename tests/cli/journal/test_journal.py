@@ -23,11 +23,35 @@ from defocus_cli.journal.journal import (
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.system.errors import InputError
 
+WHOLE = {
+    "recipe": "r",
+    "reason": None,
+    "message": None,
+    "settings": {},
+    "inputs": {"color": {"path": "a.exr"}},
+    "quality": "draft",
+    "version": "1",
+    "warnings": [],
+    "seconds": {"render": 1.0},
+    "finished": "2026-01-01T00:00:00+00:00",
+    "lens": {
+        "focal_length_mm": 50,
+        "fnumber": 2.0,
+        "sensor_width_mm": 36.0,
+        "focus_mm": "inf",
+        "blades": 0,
+        "blade_rotation_deg": 0.0,
+    },
+    "size": [4, 3],
+    "coc_px": [-1.0, 2.5],
+    "device": "cpu",
+    "depth_note": "",
+}
+
 
 def record(name: str, status: str = "ok", *kinds: str, **more: Any) -> dict[str, Any]:
     outputs = {kind: {"path": f"{kind}/{name}.exr"} for kind in kinds or ("render",)}
-    told = {"sample_id": name, "status": status, "outputs": outputs, "recipe": "r", "finished": ""}
-    return {**told, **more}
+    return {**WHOLE, "sample_id": name, "status": status, "outputs": outputs, **more}
 
 
 def write(path: Path, *records: dict[str, Any]) -> None:
@@ -49,12 +73,21 @@ def test_what_is_written_is_read(path: Path) -> None:
     assert read(path) == [*records, record("c")]
 
 
-def test_each_record_starts_with_its_newline(path: Path) -> None:
+def test_a_journal_is_a_line_of_json_for_each_record(path: Path) -> None:
     write(path, record("a"), record("b"))
-    data = path.read_bytes()
-    assert data.startswith(b"\n{")
-    assert not data.endswith(b"\n")
-    assert [json.loads(line)["sample_id"] for line in data.splitlines()[1:]] == ["a", "b"]
+    write(path, record("c"))
+    lines = path.read_text().splitlines(keepends=True)
+    assert [json.loads(line)["sample_id"] for line in lines] == ["a", "b", "c"]
+    assert all(line.endswith("\n") for line in lines)
+    assert merged([record("a"), record("b"), record("c")]) == path.read_bytes()
+
+
+def test_a_record_that_lacks_its_newline_alone_is_whole(path: Path) -> None:
+    write(path, record("a"))
+    os.truncate(path, path.stat().st_size - 1)
+    assert read(path) == [record("a")]
+    write(path, record("b"))
+    assert read(path) == [record("a"), record("b")]
 
 
 def test_no_journal_is_an_empty_one_and_nothing_to_tell_leaves_none(path: Path) -> None:
@@ -63,7 +96,10 @@ def test_no_journal_is_an_empty_one_and_nothing_to_tell_leaves_none(path: Path) 
     assert not path.exists()
 
 
-@pytest.mark.parametrize("torn", [b"\n", b'\n{"sample_id": "b", "sta', b"\n\0\0\0\0"])
+TORN = [b"\n", b'{"sample_id": "b", "sta', b"\0\0\0\0", b'\0\0"status": "ok"}\n']
+
+
+@pytest.mark.parametrize("torn", TORN)
 def test_a_torn_tail_costs_itself_alone(torn: bytes, path: Path) -> None:
     write(path, record("a"))
     with path.open("ab") as file:
@@ -74,7 +110,7 @@ def test_a_torn_tail_costs_itself_alone(torn: bytes, path: Path) -> None:
 
 
 def test_a_torn_first_record_is_ignored(path: Path) -> None:
-    path.write_bytes(b'\n{"sample')
+    path.write_bytes(b'{"sample')
     assert read(path) == []
     write(path, record("a"))
     assert read(path) == [record("a")]
@@ -83,24 +119,24 @@ def test_a_torn_first_record_is_ignored(path: Path) -> None:
 def test_a_long_torn_tail_is_found_whole(path: Path) -> None:
     write(path, record("a"))
     with path.open("ab") as file:
-        file.write(b'\n{"x": "' + b"y" * 200_000)
+        file.write(b'{"x": "' + b"y" * 200_000)
     write(path, record("c"))
     assert read(path) == [record("a"), record("c")]
 
 
 def test_a_broken_line_elsewhere_is_named_by_its_number(path: Path) -> None:
     write(path, record("a"), record("b"))
-    lines = path.read_bytes().split(b"\n")
-    path.write_bytes(b"\n".join([*lines[:2], b"{broken}", lines[2]]))
-    with pytest.raises(InputError, match=r"journal\.jsonl: line 3 is broken"):
+    first, last = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([first, b"{broken}", last, b""]))
+    with pytest.raises(InputError, match=r"journal\.jsonl: line 2 is broken"):
         read(path)
 
 
 def test_a_broken_line_is_named_by_its_sample_where_that_can_be_read(path: Path) -> None:
     write(path, record('ü "1"'), record("b"))
-    lines = path.read_bytes().split(b"\n")
-    path.write_bytes(b"\n".join([lines[0], lines[1][:-9], lines[2]]))
-    with pytest.raises(InputError, match=r'line 2, of ü "1", is broken; remove .* the outputs of'):
+    first, last = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([first[:-9], last, b""]))
+    with pytest.raises(InputError, match=r'line 1, of ü "1", is broken; remove .* the outputs of'):
         read(path)
 
 
@@ -124,7 +160,8 @@ def test_a_full_disk_leaves_the_journal_as_it_was(
 
 def test_the_records_of_shards_are_read_in_the_order_of_their_ends(tmp_path: Path) -> None:
     for shard, names in ((None, "ad"), (Shard(2, 2), "bc")):
-        records = [record(name, finished=name) for name in names]
+        ends = {name: f"2026-01-01T00:00:0{ord(name) - ord('a')}+00:00" for name in names}
+        records = [record(name, finished=end) for name, end in ends.items()]
         write(journal_path(tmp_path, shard), *records)
     assert [each["sample_id"] for each in read_all(tmp_path)] == list("abcd")
 
@@ -185,9 +222,9 @@ def test_files_of_a_job_that_failed_later_stay_known(tmp_path: Path) -> None:
 def test_a_hundred_thousand_records_are_read_in_seconds(tmp_path: Path) -> None:
     stamp = {"size": 12345, "mtime_ns": 1795253203760916575, "blake2b": "6e1e6abe453ed82f" * 2}
     files = {kind: {"path": f"{kind}/%d.exr", **stamp} for kind in ("render", "coc")}
-    text = json.dumps(record("%d", inputs=files) | {"outputs": files})
+    text = json.dumps(record("%d", inputs={"color": stamp | {"path": "%d.exr"}}, outputs=files))
     path = tmp_path / "journal.jsonl"
-    path.write_text("".join("\n" + text.replace("%d", str(i)) for i in range(100_000)))
+    path.write_text("".join(text.replace("%d", str(i)) + "\n" for i in range(100_000)))
     start = time.process_time()
     ledger = Ledger(tmp_path, read_all(tmp_path))
     assert time.process_time() - start < 5  # 1.2 s where nothing else is done
