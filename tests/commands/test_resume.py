@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -340,6 +341,37 @@ def test_a_broken_journal_stops_the_run(folders: tuple[Path, Path], out: Path) -
     lines = journal.read_bytes().split(b"\n")
     journal.write_bytes(b"\n".join([b"scribble", *lines[1:]]))
     refused(again(folders, out), 3, "journal.jsonl: line 1 is broken; remove that line")
+
+
+def test_a_file_outside_out_that_a_record_names_is_left_alone(
+    folders: tuple[Path, Path], out: Path, tmp_path: Path
+) -> None:
+    again(folders, out)
+    mine = (out / "coc" / "a.exr").replace(tmp_path / "mine.exr")
+    journal = out / "journal.jsonl"
+    journal.write_text(journal.read_text().replace("coc/a.exr", "coc/../../mine.exr"))
+    refused(again(folders, out, "--blades", "6"), 3, "names the output 'coc/../../mine.exr', which")
+    assert mine.exists()
+
+
+def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    again(folders, out)
+    dead = subprocess.Popen(["true"])
+    dead.wait()
+    (out / "shards").mkdir()
+    left = [
+        out / f".metadata.jsonl.{dead.pid}.0.tmp",
+        out / f"shards/.samples-000000.tar.{dead.pid}.1.tmp",
+    ]
+    written_now = out / f".metadata.jsonl.{os.getppid()}.0.tmp"
+    for path in (*left, written_now):
+        path.write_text("half")
+    again(folders, out)
+    assert len(computed) == 3, "all was done before"
+    assert not any(path.exists() for path in left)
+    assert written_now.exists(), "its process runs"
 
 
 def test_a_copied_directory_goes_on_where_it_was(

@@ -67,6 +67,19 @@ def test_no_file_is_written_twice(tmp_path: Path) -> None:
         refuse_misplaced(jobs_for(pictures, Outputs(tmp_path / "out", format="png", preview=True)))
 
 
+def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path: Path) -> None:
+    """The next run would find records of files that do not lie in OUT."""
+    pictures, out = [Picture("a", tmp_path / "a", tmp_path / "z")], tmp_path / "out"
+    for folder in ("elsewhere", "out/here"):
+        (tmp_path / folder).mkdir(parents=True)
+    (out / "render").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="render: is a link that leads out of the output directo"):
+        refuse_misplaced(jobs_for(pictures, Outputs(out)))
+    (out / "render").unlink()
+    (out / "render").symlink_to("here")
+    refuse_misplaced(jobs_for(pictures, Outputs(out)))
+
+
 def test_a_file_in_place_of_a_directory_is_refused(tmp_path: Path) -> None:
     pictures = [Picture("a", tmp_path / "a", tmp_path / "z")]
     file = touch(tmp_path, "out") / "out"
