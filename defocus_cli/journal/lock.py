@@ -10,9 +10,11 @@ does.
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from defocus_cli.journal.journal import Shard
@@ -85,15 +87,21 @@ def holder(out: Path, shard: Shard | None = None) -> str | None:
     """Who holds a lock, in words; None if nobody does."""
     from filelock import LeaseSettingsMismatch
 
-    lease = _lease(lock_path(out, shard))
-    name = _holder(lease)
+    path = lock_path(out, shard)
+    name = _holder(_lease(path))
     if name is None:
         return None
-    try:
-        lease.acquire(blocking=False)  # which succeeds if the holder runs no more
-    except (OSError, LeaseSettingsMismatch):
-        return name
-    lease.release()
+    # To take the lock itself, if only for a moment, would refuse a batch that starts just then.
+    with TemporaryDirectory() as folder:
+        try:
+            copy = _lease(Path(shutil.copy(path, folder)))
+        except FileNotFoundError:  # given back by now
+            return None
+        try:
+            copy.acquire(blocking=False)  # which succeeds if the holder runs no more
+        except (OSError, LeaseSettingsMismatch):
+            return name
+        copy.release()
     return None
 
 
@@ -154,6 +162,6 @@ def _holder(lease: SoftFileLease) -> str | None:
 def _touched(path: Path) -> tuple[int, int] | None:
     """When a lock was touched, and which file it is; None if there is none."""
     with suppress(OSError):
-        found = os.lstat(path)
-        return found.st_mtime_ns, found.st_ino
+        status = os.lstat(path)
+        return status.st_mtime_ns, status.st_ino
     return None

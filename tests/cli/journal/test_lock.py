@@ -87,12 +87,16 @@ def test_the_lock_of_a_process_that_was_killed_is_taken_over_and_it_is_said(tmp_
     assert f"left behind by process {first.pid}" in said
 
 
-def test_a_lock_of_a_process_that_was_killed_has_no_holder(tmp_path: Path) -> None:
+def test_a_lock_of_a_process_that_was_killed_has_no_holder_and_asking_does_not_take_it(
+    tmp_path: Path,
+) -> None:
     with held_elsewhere(tmp_path) as first:
         assert holder(tmp_path) is not None
         first.kill()
         first.wait()
+        before = lock_path(tmp_path).read_bytes()
         assert holder(tmp_path) is None
+        assert lock_path(tmp_path).read_bytes() == before
 
 
 @pytest.mark.usefixtures("short_lease")
