@@ -1,4 +1,4 @@
-"""Does jobs, and tells what became of each as a plain dictionary, small enough to be sent.
+"""One job carried out, and its result as a plain dictionary that can be sent between processes.
 
 A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
 device, quality, warnings and seconds as a record of the journal has them, paths aside: outputs are

@@ -1,4 +1,4 @@
-"""Whether rendering got slower since a stored run of ``defocus bench --time --json FILE``.
+"""Regression check of rendering times against a stored run of ``defocus bench --time --json``.
 
 What is compared is the cost in transforms measured beside each rendering, not in seconds: the
 stored run may be of another machine, or of this one when it was busy.

@@ -1,4 +1,4 @@
-"""The files a benchmark writes: asked about before the work, written whole after it.
+"""Files that a benchmark writes: checked before the work, written whole after it.
 
 What is for people goes to stdout, or to stderr if the JSON document is there.
 """

@@ -1,4 +1,4 @@
-"""Seconds, Fourier transforms and memory that a rendering costs, and the scenes to time.
+"""Seconds, Fourier transforms and memory of rendering synthetic scenes.
 
 The unit of cost is one transform of the frame there and back, RGBA float32. It is measured before
 and after each rendering: what slows the machine meanwhile slows both, and their ratio says what the

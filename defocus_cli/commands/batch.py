@@ -1,4 +1,4 @@
-"""``defocus batch``: the jobs of a file, over nights and machines."""
+"""``defocus batch``: render the jobs of a jobs file, resumable and over several machines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``defocus info``: what is in a file, before rendering it."""
+"""``defocus info``: the contents of a file, and how it would be read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample, by name.
+"""The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample.
 
 ``file_name`` comes first, as the image folders of Hugging Face's `datasets` want it, and each
 further picture that they can decode is ``<kind>_file_name``. A key has one type in every line, null

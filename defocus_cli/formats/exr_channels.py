@@ -1,4 +1,4 @@
-"""Which channels of an EXR file are the colour, and which one is the depth.
+"""Colour layers and depth channels of an EXR file, found by name.
 
 OpenEXR names channels ``LAYER.CHANNEL``; files may also split layers into named parts. A name that
 the user gives is compared exactly, then without regard to case. Nothing is guessed: several

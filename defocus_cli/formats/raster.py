@@ -1,4 +1,4 @@
-"""Files that OpenImageIO decodes, of those it knows: PNG, JPEG, TIFF and HDR.
+"""PNG, JPEG, TIFF and HDR files, decoded by OpenImageIO.
 
 Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
 to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).

@@ -1,4 +1,4 @@
-"""A job: one picture, the lens that takes it, what to write and how to compute it.
+"""A job: one picture, the lens that takes it, what to write and how to render it.
 
 Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
 Nothing here opens a file.
@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
-from defocus_cli.jobs.quantities import Percentile, length_text
-
-if TYPE_CHECKING:
-    pass
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from defocus_cli.formats.kinds import MAP_KINDS, PREVIEW, SUFFIXES
+from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import Draw
 
 QUALITIES = ("draft", "standard", "high", "reference")

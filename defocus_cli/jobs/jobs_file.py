@@ -1,4 +1,4 @@
-"""Jobs files: the pictures of a batch, the lenses that take each, what to write and how.
+"""Jobs files: the pictures of a batch, the lenses that take each, and the outputs.
 
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`

@@ -1,4 +1,4 @@
-"""What makes a job the job it is: its recipe and the bytes of its inputs.
+"""The identity of a job: the hash of its settings and of the bytes of its inputs.
 
 The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
 kinds and types of outputs, quality, the names of its files, and the version of the renderer. Where

@@ -1,4 +1,4 @@
-"""What the journals of OUT know: which job made which files, and what became of each job."""
+"""Lookup in the journals of OUT: which job made which files, and the last record of each job."""
 
 from __future__ import annotations
 

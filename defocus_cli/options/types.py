@@ -1,4 +1,4 @@
-"""What options take, like quantities and kinds of output, and how errors name an option."""
+"""Types of option values, options grouped under headings, and the names of options in errors."""
 
 from __future__ import annotations
 

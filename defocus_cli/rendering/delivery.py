@@ -1,4 +1,4 @@
-"""Writes what a job made: all files of a picture, or none."""
+"""The files of a rendered job, all written or none."""
 
 from __future__ import annotations
 

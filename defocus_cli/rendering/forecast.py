@@ -1,4 +1,4 @@
-"""What rendering will take: work, seconds and memory, from the inputs and from this machine."""
+"""Forecast of a job: work, seconds and memory, before it is rendered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The steps of a job: read, compute, write. What is written has been computed to its end."""
+"""The three steps of a job: read its inputs, compute its pictures, write them."""
 
 from __future__ import annotations
 

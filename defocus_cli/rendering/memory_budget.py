@@ -1,4 +1,4 @@
-"""How much memory a process may take, and what of a picture is held in it. All in MB.
+"""The memory budget of a process, and its share for the arrays of pictures. All in MB.
 
 What a process may take beyond itself is shared by the arrays of pictures and by what is computed.
 A picture whose arrays fit into half of that is held as it is read and made; two more, the one that

@@ -1,4 +1,4 @@
-"""Whether rendering fits into memory: how many regions at once, or what to do about it."""
+"""How many regions of a picture fit into memory at once, or what to do about it."""
 
 from __future__ import annotations
 

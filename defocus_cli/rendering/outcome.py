@@ -1,4 +1,4 @@
-"""What the steps of a job hand on: what was decoded, what was computed, and what became of it."""
+"""What the steps of a job pass on: decoded inputs, computed pictures, the outcome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Renders a picture: from its arrays, wherever they are, to arrays of what was asked for."""
+"""A picture rendered from its arrays to arrays of each kind of output."""
 
 from __future__ import annotations
 

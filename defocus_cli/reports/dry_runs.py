@@ -1,4 +1,4 @@
-"""What a dry run tells: what would be read and written, how long it takes and how much space."""
+"""The report of a dry run: inputs, outputs, seconds, memory and disk space."""
 
 from __future__ import annotations
 

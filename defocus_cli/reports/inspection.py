@@ -1,4 +1,4 @@
-"""What is in a file, as ``defocus info`` tells it."""
+"""The contents of a file and how it would be read, as ``defocus info`` finds them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``defocus info`` tells of a file, in a JSON document and in words."""
+"""The report of ``defocus info``, as JSON and in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a picture rendered at half of its size lacks: the detail of what is in focus.
+"""Drafts: the detail of what is in focus, which half size loses.
 
 Cells become pixels again so that means of two by two stay what they are. To these is added what the
 given picture has beyond its own cells, as far as its blur leaves it and nothing stands before it.
