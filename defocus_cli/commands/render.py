@@ -14,6 +14,7 @@ from defocus_cli.dataset import update
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
 from defocus_cli.jobs.pairing import find_pictures, with_hidden
 from defocus_cli.options import shared
+from defocus_cli.options.lens import lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import batch_report, dry_runs
 from defocus_cli.system import console
@@ -26,7 +27,7 @@ from defocus_cli.system import console
 )
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
-@shared.lens_options(required=True)
+@lens_options(required=True)
 @shared.output_options
 @shared.hidden_option
 @shared.reading_options

@@ -77,17 +77,23 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     height, width = given.signed_radius.shape
     if not float(given.share.detach().amax()) > 0:
         return doubled(images, part)[..., :height, :width]
-    in_view = _is_in_view(shown, given)
-    if in_view and _is_in_focus(given):
+    in_view = [_is_in_view(image, given) for image in shown]
+    if all(in_view) and _is_in_focus(given):
         return given.pixels.expand(len(images), *given.pixels.shape)
-    both = doubled(torch.cat([images, given.cells[None]]), part)[..., :height, :width]
-    found, own = both[:-1], both[-1]
+    # one by one: the rounding of the last numbers of a tensor depends on how many there are
+    *found, own = (doubled(x, part)[..., :height, :width] for x in (*images, given.cells))
     seen = shown.new_ones(len(images), 1, 1)
-    if not in_view:  # what is hidden shows there, too, and has no detail
-        shown = torch.minimum(shown, given.share)
-        visible = smooth(torch.cat([given.share[None], shown])[:, None], part)
-        visible = visible[:, 0, :height, :width]
-        seen = 1 - (visible[:1] - visible[1:]) / visible[:1].clamp(min=_LEAST)
+    if not all(in_view):  # hidden surfaces show there, too, and have no detail
+        share, *visible = (
+            smooth(x[None, None], part)[0, 0, :height, :width]
+            for x in (given.share, *torch.minimum(shown, given.share))
+        )
+        seen = torch.stack(
+            [
+                torch.ones_like(share) if whole else 1 - (share - x) / share.clamp(min=_LEAST)
+                for whole, x in zip(in_view, visible, strict=True)
+            ]
+        )
     pixels, r, blurred = given.pixels, given.signed_radius, found[0]
     detail = pixels - own
     left = (left_of_detail(r) * seen)[:, None]
@@ -97,13 +103,17 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
         given_back = given_back.square()
     whole = torch.addcmul(blurred, left[0], detail).lerp_(pixels, given_back)
     whole.clamp_(torch.minimum(blurred, pixels), torch.maximum(blurred, pixels))
+    # a mean over the lens lies within the picture; interpolated cells may not
+    within = torch.cat([x.detach().flatten(1) for x in (pixels, images[0])], 1)
+    whole = whole.clamp(*(x[:, None, None] for x in within.aminmax(dim=1)))
     if len(found) == 1:
         return whole[None]
     beside = _padded(detail, (1, 1, 0, 0))
     still, r = (r.abs() - _STILL[0]) / (_STILL[1] - _STILL[0]), _SHIFT * r
     moved = r * still.clamp(0, 1) * left_of_detail(r) * seen[0]
     moved = moved * (beside[..., 2:] - beside[..., :-2]) / 2
-    halves = found[1:] - blurred + (left[1:] - left[0]) * detail + torch.stack([moved, -moved])
+    halves = torch.stack(found[1:]) - blurred + (left[1:] - left[0]) * detail
+    halves = halves + torch.stack([moved, -moved])
     return torch.cat([whole[None], whole + halves])
 
 
