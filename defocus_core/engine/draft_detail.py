@@ -103,9 +103,6 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
         given_back = given_back.square()
     whole = torch.addcmul(blurred, left[0], detail).lerp_(pixels, given_back)
     whole.clamp_(torch.minimum(blurred, pixels), torch.maximum(blurred, pixels))
-    # a mean over the lens lies within the picture; interpolated cells may not
-    within = torch.cat([x.detach().flatten(1) for x in (pixels, images[0])], 1)
-    whole = whole.clamp(*(x[:, None, None] for x in within.aminmax(dim=1)))
     if len(found) == 1:
         return whole[None]
     beside = _padded(detail, (1, 1, 0, 0))
