@@ -16,7 +16,7 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli import arrays, batch_options, budget, exr, exr_strips, memory, sizing
+from defocus_cli import arrays, batch_options, budget, exr, memory, sizing
 from defocus_cli.arrays import Scratch
 from defocus_cli.batch_options import Crew, computed_by
 from defocus_cli.job import Job, Lens, Machine, Outputs, Picture, Reading
@@ -40,8 +40,7 @@ def scratch(monkeypatch: pytest.MonkeyPatch) -> list[Scratch]:
     monkeypatch.setattr(Scratch, "__init__", spy)
     monkeypatch.setattr(budget, "_FOR_ARRAYS", 0.0)
     monkeypatch.setattr(arrays.bands, "__defaults__", (1000,))
-    for module in (exr, exr_strips):
-        monkeypatch.setattr(module, "_STRIP_BYTES", 20_000)
+    monkeypatch.setattr(exr, "_STRIP_BYTES", 20_000)
     return made
 
 
