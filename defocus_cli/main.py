@@ -28,7 +28,7 @@ from defocus_cli.interrupts import Terminated, terminations
 from defocus_cli.option_types import option_name
 from defocus_cli.report import version
 
-COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "bench", "verify")
+COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "bench", "verify", "help")
 
 
 class LazyGroup(click.Group):
