@@ -6,8 +6,8 @@ from importlib.resources import files
 
 import click
 
-from defocus_cli import report
 from defocus_cli.options.types import GroupedCommand
+from defocus_cli.system import console
 from defocus_cli.system.errors import UsageProblem
 
 TOPICS = {
@@ -38,7 +38,7 @@ def command(topic: str | None) -> None:
     """  # noqa: D301  click reads the backspace
     if topic is None:
         for name, subject in TOPICS.items():
-            report.tell(f"{name:<13}{subject}")
+            console.tell(f"{name:<13}{subject}")
         return
     if topic not in TOPICS:
         remedy = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"

@@ -149,7 +149,8 @@ def _decoded(
     path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
 ) -> dict[str, NDArray[Any]]:
     """The channels of a window, of one type after the other: OpenImageIO converts a mixture."""
-    spec, piece = file.spec(), {}
+    spec = file.spec()
+    piece: dict[str, NDArray[Any]] = {}
     named = [pair for pair in enumerate(spec.channelnames) if pair[1] in types]
     if len(named) != len(types):
         raise _damaged(path, "two lists of channels")
@@ -236,7 +237,7 @@ def write_exr(
             window = Window(x, y + top, whole.x1, min(y + top + rows - 1, bottom))
             strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
             encoded = io.BytesIO()
-            corners = np.int32(window[:2]), np.int32(window[2:])
+            corners = np.array(window[:2], np.int32), np.array(window[2:], np.int32)
             OpenEXR.File({**header, "dataWindow": corners}, strip).write(encoded)
             encoded.seek(8)
             attributes_there = read_attributes(encoded)
