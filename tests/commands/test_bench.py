@@ -14,7 +14,7 @@ from command_line import color_exr, depth_exr, refused, run
 from reference import flatten, layered, lens_points
 from scenes import SIZE, card_layers
 
-from defocus_cli.bench import tables
+from defocus_cli.bench import error_plot, tables
 from defocus_cli.bench.error import Row
 from defocus_cli.bench.timing import Cost
 from defocus_core.evaluation.metrics import Errors
