@@ -256,10 +256,10 @@ class Gated:
 
 
 def test_pictures_that_fit_beside_each_other_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Gated(monkeypatch, each_mb=40, half_mb=100).entered.wait(5)
+    assert Gated(monkeypatch, each_mb=20, half_mb=100).entered.wait(5)
 
 
-@pytest.mark.parametrize("each_mb", [60.0, 400.0])
+@pytest.mark.parametrize("each_mb", [30.0, 60.0, 400.0])
 def test_others_wait_until_there_is_room(each_mb: float, monkeypatch: pytest.MonkeyPatch) -> None:
     gated = Gated(monkeypatch, each_mb, half_mb=100)
     time.sleep(0.05)
