@@ -110,7 +110,7 @@ def _kinds(found: Table) -> tuple[str, ...] | None:
     kinds = [str(kind).strip() for kind in kinds]
     for kind in kinds:
         if kind not in KINDS:
-            remedy = did_you_mean(kind, KINDS, f"choose from {', '.join(KINDS)}")
+            remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
             raise UsageProblem(found.place("kinds"), f"'{kind}' is not an output", remedy)
     return tuple(dict.fromkeys(kinds))
 

@@ -47,7 +47,7 @@ class Ledger:
         """The records of what was made of which a job replaces some files and not all."""
         if not self.knows(job):
             return []
-        every = replace(job.outputs, kinds=KINDS, preview=True).names(job.sample_id)
+        every = replace(job.outputs, kinds=tuple(KINDS), preview=True).names(job.sample_id)
         own = set(job.names.values())
         others = {id(record): record for name in every.values() if (record := self._last.get(name))}
         return [

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import KINDS
+from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import (
     DEPTH_UNITS,
     DEVICES,
@@ -111,7 +111,7 @@ def output_options(command: Command) -> Command:
                 type=Format(),
                 default="exr",
                 show_default=True,
-                help="Type of the images; coc, disparity and trust are always float EXR.",
+                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float EXR.",
             ),
             option(
                 "--exr-type",

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from defocus_cli.formats.kinds import IMAGE_KINDS, RENDERED_KINDS
 from defocus_cli.jobs.job import Job, Machine, Picture
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Keeping
@@ -121,13 +120,12 @@ def base_mb() -> float:
 def _sizes(job: Job) -> tuple[float, float]:
     """MB of the arrays of a job, and of its files that can only be decoded at once."""
     pixels, per_pixel, whole, channels = _inputs(job.picture)
-    kinds, half = job.outputs.kinds, _half(job)
-    if set(kinds) & set(RENDERED_KINDS):
+    outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
+    if outputs.need_rendering:
         if job.picture.hidden is not None:
             _, behind, whole_behind, _ = _inputs(job.picture.hidden)
             per_pixel, whole = per_pixel + behind + _FLOAT + 1, max(whole, whole_behind)
-        per_pixel += sum(kind in IMAGE_KINDS for kind in kinds) * channels * (2 if half else _FLOAT)
-        per_pixel += _FLOAT * ("trust" in kinds)
+        per_pixel += sum(kind.memory_bytes(channels, sample) for kind in outputs.rows)
     return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB
 
 

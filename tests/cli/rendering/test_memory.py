@@ -16,7 +16,7 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli.formats import exr
+from defocus_cli.formats import exr, kinds
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.options import batch
@@ -26,7 +26,7 @@ from defocus_cli.system import arrays, memory
 from defocus_cli.system.arrays import Scratch
 from defocus_core import stream
 
-KINDS = "render,left,right,coc,disparity,trust"
+KINDS = ",".join(kinds.KINDS)
 SIZE = (70, 90)
 
 
