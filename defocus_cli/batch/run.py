@@ -211,7 +211,7 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
         "outputs": outputs,
         **{key: result[key] for key in (*copied, *notes)},
         "quality": result["quality"] or job.machine.quality,
-        "version": identity.core_version(),
+        **identity.versions(),
         "finished": _now(),
     }
 

@@ -19,7 +19,7 @@ from defocus_cli.system.safe_files import written_whole
 NAME = "metadata.jsonl"
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
-_TAKEN = ("lens", "size", "coc_px", "quality", "version")  # how a picture was
+_TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # how a picture was
 _DECODED = (".png", ".jpg", ".tif")  # by those who know pictures and not EXR
 
 
@@ -29,9 +29,9 @@ def write(out: Path, records: Iterable[Record]) -> Path:
     Args:
         out: what the outputs' paths are relative to.
         records: of the journal; those whose status is not ``ok`` are no samples. Of the others are
-            read: sample_id, size, coc_px, quality, warnings, version, lens (as
-            `report.lens_record` has it), and by role or kind inputs and outputs, each with its path
-            and, where it is known, its blake2b.
+            read: sample_id, size, coc_px, quality, warnings, version, renderer,
+            lens (as `report.lens_record` has it), and by role or kind inputs and outputs, each with
+            its path and, where it is known, its blake2b.
 
     Returns:
         The file.
@@ -125,6 +125,7 @@ def _entry(record: Record) -> dict[str, Any]:
         "outputs_blake2b": {kind: output.get("blake2b") for kind, output in outputs.items()},
         "inputs_blake2b": _hashes(record),
         "version": record["version"],
+        "renderer": record["renderer"],
     }
 
 

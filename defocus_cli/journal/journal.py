@@ -15,7 +15,7 @@ A record has
     outputs     kind, or kind.preview, to path relative to OUT; if ok, size, mtime_ns, blake2b, too
     lens        what it turned out to be, as `report.lens_record`; with size, coc_px, color_note,
                 depth_note, device and warnings, null if not ok
-    quality, version
+    quality, version (of the package), renderer (its version)
     seconds     of reading, rendering and writing; cpu, of rendering
     finished    when, UTC
 """

@@ -60,5 +60,6 @@ def record(
         "finished": "2026-01-01T00:00:00Z",
         "warnings": [],
         "version": "1",
+        "renderer": 1,
         **more,
     }
