@@ -38,7 +38,7 @@ def test_a_stream_of_soft_depth_is_its_rendering() -> None:
     image, radius = soft_picture(700, 660)
     whole = render(image, radius)
     stream = Stream(Windows(image), Windows(radius), threads=2)
-    assert stream.mending.soft_edges
+    assert stream.repair.soft_edges
     assert same(put_together(stream), whole)
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
 
