@@ -114,6 +114,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
         threads=job.machine.threads,
         tile=tile or job.machine.tile,
         infinity=radius_at_infinity(lens, outcome.size),
+        depth_repair=job.machine.depth_repair,
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.antialiased import EVERY, averaged_from, averages
+from defocus_core.depth.noise import noise_from, scatter_counts
 from defocus_core.depth.quantised import Levels, are_few, levels_of
 from defocus_core.depth.ramps import STEEP, are_steeper, steepness
 from defocus_core.depth.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
@@ -27,6 +28,7 @@ class _Evidence(NamedTuple):
     """What a band of rows shows of the repair that the frame needs.
 
     Attributes:
+        scatter: From `scatter_counts`.
         ends: [2] least and greatest radius in px.
         softest: Slope in px per px of the steepest soft edge.
         ramps: Number of pixels on steep ramps, wide or not.
@@ -34,6 +36,7 @@ class _Evidence(NamedTuple):
         averages: [2, 4], from `averages`.
     """
 
+    scatter: Tensor
     ends: Tensor
     softest: Tensor
     ramps: Tensor
@@ -61,13 +64,16 @@ class DepthRepair(NamedTuple):
     quantised: bool = False
 
 
-def diagnosed(signed_radius: Pixels, infinity: float | None, threads: int) -> DepthRepair:
-    """The repair that radii without noise need.
+def diagnosed(
+    signed_radius: Pixels, infinity: float | None, threads: int, noise: float | None = None
+) -> DepthRepair:
+    """The repair that radii need; of noisy ones only their noise, which hides all else.
 
     Args:
         signed_radius: [H, W] px.
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
         threads: Bands of rows looked at at once.
+        noise: Standard deviation in px of the noise that was smoothed; None to look for noise.
     """
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
 
@@ -75,7 +81,12 @@ def diagnosed(signed_radius: Pixels, infinity: float | None, threads: int) -> De
         return _evidence(signed_radius, rows, dtype, infinity)
 
     bands_of = bands(*signed_radius.shape)
-    return _repair(signed_radius, list(threaded(evidence, bands_of, threads)), infinity)
+    found = list(threaded(evidence, bands_of, threads))
+    if noise is None:
+        noise = noise_from(torch.stack([band.scatter for band in found]).sum(0))
+        if noise is not None:
+            return DepthRepair(noise=noise)
+    return _repair(signed_radius, found, infinity)._replace(noise=noise)
 
 
 def _evidence(
@@ -98,9 +109,10 @@ def _evidence(
             softest = softness(slope)[above : above + len(r)].amax()
             ramps = (slope[above : above + len(r)] > STEEP).sum()
         averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
+    scatter = scatter_counts(around, rows[0] - above, rows, H)
     some = spread(H, _LEVEL_ROWS, *rows)
     levels = levels_of(r[some], below[1:][[i for i in some if i + 1 < len(below)]])
-    return _Evidence(ends, softest, ramps, levels, averaged)
+    return _Evidence(scatter, ends, softest, ramps, levels, averaged)
 
 
 def _repair(signed_radius: Pixels, found: list[_Evidence], infinity: float | None) -> DepthRepair:

@@ -11,7 +11,7 @@ from defocus_core.depth.antialiased import AROUND as AROUND_AVERAGES
 from defocus_core.depth.antialiased import without_averages
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
-from defocus_core.depth.noise import noise_of, without_noise
+from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
 from defocus_core.depth.ramps import AROUND as AROUND_RAMPS
@@ -49,9 +49,7 @@ def repaired(
         [H, W] px, the given radii themselves if they need no repair; and the repair.
     """
     hold_all = partial(held, threads=threads, hold=hold)
-    quiet, noise = _quiet(signed_radius, threads, hold=hold)
-    repair = diagnosed(quiet, infinity, threads)._replace(noise=noise)
-    radii = quiet
+    radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
     if repair.antialiased is not None:
         mend = partial(without_averages, infinity=repair.antialiased)
         radii = hold_all(Repaired(radii, mend, AROUND_AVERAGES), radii)
@@ -76,14 +74,17 @@ def diagnose_depth(
         threads: To compute with.
     """
     with torch.no_grad():
-        quiet, noise = _quiet(signed_radius, threads, hold=True)
-        return diagnosed(quiet, infinity, threads)._replace(noise=noise)
+        return _diagnosed(signed_radius, infinity, threads, hold=True)[1]
 
 
-def _quiet(signed_radius: Pixels, threads: int, *, hold: bool) -> tuple[Pixels, float | None]:
-    """Radii [H, W] px without noise, and its standard deviation in px; None if there is none."""
-    noise = noise_of(signed_radius)
-    if noise is None:
-        return signed_radius, None
-    quiet = Repaired(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
-    return held(quiet, signed_radius, threads=threads, hold=hold), noise
+def _diagnosed(
+    signed_radius: Pixels, infinity: float | None, threads: int, *, hold: bool
+) -> tuple[Pixels, DepthRepair]:
+    """Radii [H, W] px without noise, and the repair that they and the given ones need."""
+    repair = diagnosed(signed_radius, infinity, threads)
+    if repair.noise is None:
+        return signed_radius, repair
+    smooth = partial(without_noise, noise=repair.noise)
+    quiet = Repaired(signed_radius, smooth, AROUND_NOISE)
+    radii = held(quiet, signed_radius, threads=threads, hold=hold)
+    return radii, diagnosed(radii, infinity, threads, repair.noise)

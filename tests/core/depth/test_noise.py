@@ -6,7 +6,8 @@ from measures import worst
 from torch import Tensor
 
 from defocus_core import render
-from defocus_core.depth.noise import AROUND, noise_of, without_noise
+from defocus_core.depth.diagnosis import diagnosed
+from defocus_core.depth.noise import AROUND, without_noise
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.images import derived
 from defocus_core.images.box import Box
@@ -20,6 +21,10 @@ def scatter(amount: float, size: tuple[int, int] = SIZE) -> Tensor:
     """Noise of some standard deviation in px."""
     made = torch.Generator().manual_seed(3)
     return amount * torch.randn(size, generator=made, dtype=torch.float64)
+
+
+def noise_of(radius: Tensor) -> float | None:
+    return diagnosed(radius, None, threads=1).noise
 
 
 def card(radius: float = 0.0, far: float = 15.0) -> Tensor:
