@@ -5,8 +5,8 @@ Lengths are in mm, CoC radii in px, signed: negative nearer than focus, positive
 
 from __future__ import annotations
 
-from defocus_core.depth.diagnosis import depth_mending
-from defocus_core.depth.repair import Mending
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.evaluation import baselines, metrics
 from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
@@ -31,6 +31,7 @@ from defocus_core.stream import Stream
 
 __all__ = [
     "ATTEMPTS",
+    "DEPTH_REPAIRS",
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
@@ -40,11 +41,11 @@ __all__ = [
     "Check",
     "Cost",
     "DefocusLens",
+    "DepthRepair",
     "Distribution",
     "Errors",
     "HiddenLayer",
     "Lenses",
-    "Mending",
     "Pixels",
     "RandomDefocus",
     "Scenery",
@@ -56,8 +57,8 @@ __all__ = [
     "cells_bytes",
     "cheapest_within",
     "cost",
-    "depth_mending",
     "depth_percentile",
+    "diagnose_depth",
     "drawn",
     "memory_bound",
     "metrics",

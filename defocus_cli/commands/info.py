@@ -38,7 +38,7 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
       color        channels, nonfinite_pixels; null if there is none
       color_note   how the colour would be read, or why there is none
       depth        range_m, sky_pixels, invalid_pixels; with a lens, which lens, coc_px,
-                   and mended: what would be done to the depth before it is rendered,
+                   and repair: what would be done to the depth before it is rendered,
                    empty if nothing; null if there is none
       depth_note   how the depth would be read, or why there is none
       maps         kind, and range_px or range, of what 'defocus render' wrote

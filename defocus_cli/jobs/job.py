@@ -18,6 +18,7 @@ from defocus_cli.jobs.random_lenses import Draw
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DEPTH_UNITS = ("mm", "cm", "m", "ft")
+DEPTH_REPAIRS = ("auto", "off")
 DEVICES = ("auto", "cpu", "cuda")
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
@@ -107,13 +108,14 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute: what the pictures look like depends on ``quality`` or ``tolerance``.
+    """How to compute: ``quality`` or ``tolerance``, and ``depth_repair``, decide the pictures.
 
     Their last digits depend on ``tile`` too, and on nothing else here.
     """
 
     quality: str = "standard"
     tolerance: float | None = None  # px of CoC radius, instead of a quality
+    depth_repair: str = "auto"  # off: depth is taken as it is given
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available

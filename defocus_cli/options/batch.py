@@ -178,11 +178,12 @@ def shards_size_option(command: Command) -> Command:
 
 
 def computed_by(jobs: list[Job], machine: Machine) -> list[Job]:
-    """The jobs, done by a machine; their quality stays, and their tiles unless it has its own."""
+    """The jobs, done by a machine; quality and repair stay, and tiles unless it has its own."""
 
     def adapted(own: Machine) -> Machine:
         tile = machine.tile or own.tile
-        return replace(machine, quality=own.quality, tolerance=own.tolerance, tile=tile)
+        who = replace(own, device=machine.device, threads=machine.threads)
+        return replace(who, memory=machine.memory, tile=tile)
 
     return [replace(job, machine=adapted(job.machine)) for job in jobs]
 

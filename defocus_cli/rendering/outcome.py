@@ -13,7 +13,7 @@ from defocus_cli.rendering.memory_budget import Holding
 if TYPE_CHECKING:
     from defocus_cli.formats.color import Color
     from defocus_cli.formats.depth import Depth
-    from defocus_core import Mending
+    from defocus_core import DepthRepair
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class Outcome:
     render_cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
-    depth_mended: str = ""  # what was done to it before it was rendered
+    repair_note: str = ""  # what was done to it before it was rendered
 
     def depth_told(self, *, rendered: bool = True) -> str:
         """How the depth of an output was understood; maps of radii show it as it was given."""
-        mended = self.depth_mended if rendered else ""
-        return "; ".join(filter(None, (self.depth_note, mended)))
+        repair_note = self.repair_note if rendered else ""
+        return "; ".join(filter(None, (self.depth_note, repair_note)))
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,16 @@ class Made:
     clamped: Mapping[str, int]
 
 
-def mended_words(mending: Mending) -> str:
+def repair_words(repair: DepthRepair) -> str:
     """What was done to the depth before it was rendered; empty if nothing."""
     done = []
-    if mending.noise is not None:
-        done.append(f"noisy by {mending.noise:.2g} px of radius, smoothed within surfaces")
-    if mending.antialiased is not None:
-        of = "disparity" if math.isinf(mending.antialiased) else "distance"
+    if repair.noise is not None:
+        done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
+    if repair.antialiased is not None:
+        of = "disparity" if math.isinf(repair.antialiased) else "distance"
         done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    if mending.soft_edges:
+    if repair.soft_edges:
         done.append("its soft edges moved to where the colours have edges")
-    if mending.terraces:
+    if repair.quantised:
         done.append("of few levels, smoothed between them")
     return "; ".join(done)

@@ -11,7 +11,7 @@ from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import image_type
-from defocus_cli.rendering.outcome import Loaded, Made, Outcome, mended_words
+from defocus_cli.rendering.outcome import Loaded, Made, Outcome, repair_words
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands
 from defocus_cli.system.errors import TooLarge
@@ -81,7 +81,7 @@ def rendered(
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
-        depth_mended=mended_words(stream.mending),
+        repair_note=repair_words(stream.repair),
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
@@ -114,6 +114,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
         threads=job.machine.threads,
         tile=tile or job.machine.tile,
         infinity=radius_at_infinity(lens, outcome.size),
+        depth_repair=job.machine.depth_repair,
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 

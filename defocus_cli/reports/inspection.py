@@ -40,7 +40,7 @@ class DepthFound:
     invalid: int
     lens: Lens | None  # with the focus distance that --focus-at found
     coc_px: tuple[float, float] | None  # sky included; None without a lens
-    mended: str = ""  # what would be done to it before it is rendered with the lens
+    repair: str = ""  # what would be done to it before it is rendered with the lens
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
 
     valid = depth.metres[~depth.invalid]
     finite = valid[np.isfinite(valid)]
-    coc_px, mended = None, ""
+    coc_px, repair = None, ""
     if lens is not None and valid.size:
         lens = focusing.focused(lens, depth)
         height, width = depth.metres.shape
@@ -203,7 +203,7 @@ def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
         coc_px = (float(near), float(far))
         if not depth.invalid.any():
             with suppress(InputError):  # too near to be rendered, as the radius shows
-                mended = focusing.mended(lens, depth)
+                repair = focusing.repair_of(lens, depth)
     return DepthFound(
         note=depth.note,
         range_m=(float(finite.min()), float(finite.max())) if finite.size else None,
@@ -211,5 +211,5 @@ def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
         invalid=int(depth.invalid.sum()),
         lens=lens,
         coc_px=coc_px,
-        mended=mended,
+        repair=repair,
     )

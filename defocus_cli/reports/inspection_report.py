@@ -41,7 +41,7 @@ def record(found: Inspection) -> dict[str, Any]:
             "invalid_pixels": depth.invalid,
             "lens": lens_record(depth.lens) if depth.lens else None,
             "coc_px": depth.coc_px,
-            "mended": depth.mended,
+            "repair": depth.repair,
         }
     return told
 
@@ -87,5 +87,5 @@ def _depth_lines(depth: DepthFound) -> Iterator[str]:
     if depth.lens is not None and depth.coc_px is not None:
         near, far = depth.coc_px
         yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_words(depth.lens)})"
-        if depth.mended:
-            yield f"  rendered: {depth.mended}"
+        if depth.repair:
+            yield f"  rendered: {depth.repair}"

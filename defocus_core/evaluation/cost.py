@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.unchanged_parts import blurred_part
 from defocus_core.images.box import Box
@@ -102,7 +103,8 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
         3 * stream.picture.at_half_size * pixels * sample * isinstance(stream.picture.image, Tensor)
     )
     spectra = 2 * _bytes_of_spectra(frame)
-    whole = _FIXED + coarse + enlarged + spectra
+    repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
+    whole = _FIXED + coarse + enlarged + spectra + repaired
     return whole + threads * _OF_THREAD + at_once * (region + result)
 
 
