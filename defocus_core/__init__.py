@@ -5,14 +5,15 @@ Lengths are in mm, CoC radii in px, signed: negative nearer than focus, positive
 
 from __future__ import annotations
 
-from defocus_core.depth.diagnosis import depth_mending
-from defocus_core.depth.repair import Mending
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.evaluation import baselines, metrics
 from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
+from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
@@ -30,19 +31,21 @@ from defocus_core.stream import Stream
 
 __all__ = [
     "ATTEMPTS",
+    "DEPTH_REPAIRS",
     "LAWS",
     "QUALITIES",
+    "SCENE_KINDS",
     "TILE",
     "Aperture",
     "Behind",
     "Check",
     "Cost",
     "DefocusLens",
+    "DepthRepair",
     "Distribution",
     "Errors",
     "HiddenLayer",
     "Lenses",
-    "Mending",
     "Pixels",
     "RandomDefocus",
     "Scenery",
@@ -54,8 +57,8 @@ __all__ = [
     "cells_bytes",
     "cheapest_within",
     "cost",
-    "depth_mending",
     "depth_percentile",
+    "diagnose_depth",
     "drawn",
     "memory_bound",
     "metrics",

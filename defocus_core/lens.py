@@ -1,4 +1,4 @@
-"""DeepLens' documented DefocusLens: the thin lens with its PSFs and its renderer.
+"""DefocusLens: the thin lens with DeepLens' interface, its PSFs and its renderer.
 
 Methods that take object-space z (`psf`, `coc`, `dof`, `refocus`) follow the optics habit z < 0 in
 front of the lens; a positive depth means the same distance. Renderers take maps of positive planar
@@ -104,6 +104,7 @@ class DefocusLens(ThinLens):
         psf_ks: int | None = None,
         num_layers: int | None = None,
         psf_type: str = "pillbox",
+        depth_repair: str = "auto",
     ) -> Tensor:
         """The defocused image of an all-in-focus one with its depth.
 
@@ -113,6 +114,7 @@ class DefocusLens(ThinLens):
             psf_ks: Largest kernel allowed in px; None lets the scene decide.
             num_layers: Exactly this many slices; None lets the scene decide.
             psf_type: "pillbox", the thin lens, or "gaussian".
+            depth_repair: As for `render`.
 
         Returns:
             [B, C, H, W].
@@ -128,6 +130,7 @@ class DefocusLens(ThinLens):
             num_layers=num_layers,
             psf_ks=psf_ks,
             infinity=self.radius_at_infinity(),
+            depth_repair=depth_repair,
         ).render
 
     def render_rgbd_dp(
@@ -137,6 +140,7 @@ class DefocusLens(ThinLens):
         psf_ks: int | None = None,
         num_layers: int | None = None,
         psf_type: str = "pillbox",
+        depth_repair: str = "auto",
     ) -> tuple[Tensor, Tensor]:
         """The images of the left and the right dual pixels, whose mean is `render_rgbd`.
 
@@ -146,6 +150,7 @@ class DefocusLens(ThinLens):
             psf_ks: As for `render_rgbd`.
             num_layers: As for `render_rgbd`.
             psf_type: As for `render_rgbd`.
+            depth_repair: As for `render`.
 
         Returns:
             (left, right), each [B, C, H, W].
@@ -161,6 +166,7 @@ class DefocusLens(ThinLens):
             num_layers=num_layers,
             psf_ks=psf_ks,
             infinity=self.radius_at_infinity(),
+            depth_repair=depth_repair,
         )
         assert rendering.left is not None
         assert rendering.right is not None

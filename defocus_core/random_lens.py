@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.repair import DEPTH_REPAIRS
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.views import Views, batch
@@ -30,6 +31,7 @@ from defocus_core.runtime.validation import (
     is_picture,
     number,
     numbers,
+    one_of,
     positive,
     whole,
 )
@@ -84,6 +86,7 @@ class RandomDefocus(torch.nn.Module):
         max_radius: float | None = None,
         left_right: bool = False,
         quality: str = "standard",
+        depth_repair: str = "auto",
         threads: int = 1,
     ) -> None:
         """Say what lenses are drawn from.
@@ -100,6 +103,7 @@ class RandomDefocus(torch.nn.Module):
                 None for no bound.
             left_right: Whether to return the dual-pixel pair too.
             quality: As for `render`.
+            depth_repair: As for `render`.
             threads: As for `render`.
 
         Raises:
@@ -115,6 +119,7 @@ class RandomDefocus(torch.nn.Module):
         self.max_radius = max_radius
         self.left_right = left_right
         self.quality = quality
+        self.depth_repair = depth_repair
         self.threads = threads
         self._check()
 
@@ -126,11 +131,12 @@ class RandomDefocus(torch.nn.Module):
             self.max_radius = positive("max_radius", self.max_radius, "None is no bound")
         flag("left_right", self.left_right)
         find(self.quality)
+        one_of("depth_repair", self.depth_repair, DEPTH_REPAIRS)
         self.threads = whole("threads", self.threads, "it is how many tiles are computed at once")
 
     def extra_repr(self) -> str:
         """What lenses are drawn from, as a module tells it."""
-        names = (*_OPTIONS, "max_radius", "left_right", "quality", "threads")
+        names = (*_OPTIONS, "max_radius", "left_right", "quality", "depth_repair", "threads")
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
     def forward(
@@ -165,6 +171,7 @@ class RandomDefocus(torch.nn.Module):
                 left_right=self.left_right,
                 threads=self.threads,
                 infinity=thin.radius_at_infinity(),
+                depth_repair=self.depth_repair,
             )
             for picture, radius, lens, thin in zip(image, radii, lenses, thin_lenses, strict=True)
         ]

@@ -1,4 +1,4 @@
-"""The renderer's door: pictures and radii in, defocused pictures out.
+"""The renderer's door: pictures and signed radii in, defocused pictures out.
 
 The centre image is the same whether or not left and right are asked for, and is their mean.
 """
@@ -34,6 +34,7 @@ def render(
     threads: int = 1,
     tile: int | None = None,
     infinity: float | None = None,
+    depth_repair: str = "auto",
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -67,6 +68,8 @@ def render(
         infinity: Signed radius in px of what is infinitely far: by it averages of distance are
             told from averages of disparity where depth is anti-aliased. None takes all for the
             latter.
+        depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
+            "off" takes it as it is given.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -95,6 +98,7 @@ def render(
                 threads=threads,
                 tile=tile,
                 infinity=infinity,
+                depth_repair=depth_repair,
             )
             parts = picture.parts(progress=progress)
             views.append(assembled(picture.frame, pixels, parts))

@@ -1,4 +1,4 @@
-"""A picture that is too large to be held: read through windows, handed out region by region.
+"""A picture too large to be held: read through windows, rendered region by region.
 
 What comes out is, to the last bit, what `render` makes of the same picture.
 """
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import torch
 
-from defocus_core.depth.repair import Mending
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import total
@@ -28,7 +28,7 @@ class Stream:
     Attributes:
         size: (height, width) in px.
         frame: What holds for the whole picture, at the size at which it is rendered.
-        mending: What was mended of its depth.
+        repair: Of its depth.
         picture: What is rendered, at that size.
     """
 
@@ -44,6 +44,7 @@ class Stream:
         threads: int = 1,
         tile: int | None = None,
         infinity: float | None = None,
+        depth_repair: str = "auto",
         hold: bool = False,
     ) -> None:
         """Look at the picture as a whole.
@@ -58,8 +59,10 @@ class Stream:
             threads: As for `render`.
             tile: As for `render`.
             infinity: As for `render`.
-            hold: Whether there is room for the cells of a draft, a third of the picture in float32;
-                else those of a large one are made again wherever they are looked at.
+            depth_repair: As for `render`.
+            hold: Whether there is room for repaired radii and the cells of a draft, together two
+                thirds of the picture in float32; else those of a large one are made again wherever
+                they are looked at.
 
         Raises:
             ValueError: If shapes do not match, or a number is not finite.
@@ -96,11 +99,12 @@ class Stream:
                 threads=threads,
                 tile=tile,
                 infinity=infinity,
+                depth_repair=depth_repair,
                 hold=hold,
             )
         self.size: tuple[int, int] = self.picture.size
         self.frame: Frame = self.picture.frame
-        self.mending: Mending = self.picture.mending
+        self.repair: DepthRepair = self.picture.repair
 
     def regions(
         self,

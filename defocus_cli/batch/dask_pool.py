@@ -1,4 +1,4 @@
-"""Does the jobs of a batch on the workers of a Dask scheduler.
+"""Jobs of a batch on the workers of a Dask scheduler.
 
 Jobs go as plain dictionaries and come back as small ones; pictures are read and written where they
 are computed, so every worker has to see the same files under the same names. Dask may do a job

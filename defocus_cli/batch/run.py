@@ -1,4 +1,4 @@
-"""Carries out jobs on OUT: what is done is skipped, the rest is done and written to the journal.
+"""A batch run: skips finished jobs, does the others, and writes each result to the journal.
 
 This is the one path of `defocus render`, `batch` and `retry`. Only this process writes the journal.
 """

@@ -1,4 +1,4 @@
-"""The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample, by name.
+"""The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample.
 
 ``file_name`` comes first, as the image folders of Hugging Face's `datasets` want it, and each
 further picture that they can decode is ``<kind>_file_name``. A key has one type in every line, null
@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.formats.kinds import IMAGE_KINDS, KINDS
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.system.safe_files import written_whole
 
 NAME = "metadata.jsonl"
@@ -106,7 +106,7 @@ def line(entry: Mapping[str, Any]) -> bytes:
 def _entry(record: Record) -> dict[str, Any]:
     outputs = {kind: record["outputs"][kind] for kind in KINDS if kind in record["outputs"]}
     paths = {kind: output["path"] for kind, output in outputs.items()}
-    first, *others = sorted(paths, key=lambda kind: kind not in IMAGE_KINDS)
+    first, *others = sorted(paths, key=lambda kind: not KINDS[kind].image)
     near, far = record["coc_px"]
     width, height = record["size"]
     return {

@@ -1,4 +1,4 @@
-"""Jobs files: the pictures of a batch, the lenses that take each, what to write and how.
+"""Jobs files: the pictures of a batch, the lenses that take each, and the outputs.
 
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`
@@ -9,7 +9,7 @@ A TOML file with the tables
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-unit, depth-channel, color-layer, part
   [outputs]   kinds, format, exr-type, preview
-  [machine]   quality, or tolerance, like "1px"
+  [machine]   quality, or tolerance, like "1px"; depth-repair, "auto" or "off"
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
 not.
@@ -24,7 +24,15 @@ from typing import Any
 
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
-from defocus_cli.jobs.job import DEPTH_UNITS, QUALITIES, Job, Machine, Outputs, Reading
+from defocus_cli.jobs.job import (
+    DEPTH_REPAIRS,
+    DEPTH_UNITS,
+    QUALITIES,
+    Job,
+    Machine,
+    Outputs,
+    Reading,
+)
 from defocus_cli.jobs.lens_expansion import read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.toml_file import Table, read_toml, table
@@ -41,7 +49,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     Args:
         path: the jobs file.
         outputs: where to write; what to write, unless ``[outputs]`` says otherwise.
-        machine: who computes; ``[machine]`` says the quality.
+        machine: who computes; ``[machine]`` says the quality and whether depth is repaired.
 
     Raises:
         InputError: a file cannot be read or found, or files do not pair up.
@@ -110,13 +118,13 @@ def _kinds(found: Table) -> tuple[str, ...] | None:
     kinds = [str(kind).strip() for kind in kinds]
     for kind in kinds:
         if kind not in KINDS:
-            remedy = did_you_mean(kind, KINDS, f"choose from {', '.join(KINDS)}")
+            remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
             raise UsageProblem(found.place("kinds"), f"'{kind}' is not an output", remedy)
     return tuple(dict.fromkeys(kinds))
 
 
 def _machine(found: Table, machine: Machine) -> Machine:
-    found.refuse_unknown(("quality", "tolerance"))
+    found.refuse_unknown(("quality", "tolerance", "depth-repair"))
     told = {
         "quality": found.choice("quality", QUALITIES),
         "tolerance": found.parsed("tolerance", pixel_count),
@@ -124,6 +132,7 @@ def _machine(found: Table, machine: Machine) -> Machine:
     if None not in told.values():
         remedy = "keep one of them"
         raise UsageProblem(found.place("tolerance"), "stands beside quality", remedy)
+    told["depth_repair"] = found.choice("depth-repair", DEPTH_REPAIRS)
     return dataclasses.replace(machine, **_told(told))
 
 

@@ -1,4 +1,4 @@
-"""The journal of OUT: a line of JSON for each job that came to an end, appended when it is durable.
+"""The journal of OUT: a durable JSON line for each job that ended.
 
 ``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
 of a batch did. A last line that is no JSON is a record whose writer died: it is ignored, and cut

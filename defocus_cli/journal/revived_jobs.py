@@ -1,4 +1,4 @@
-"""Jobs made of what the journal has of them."""
+"""Jobs rebuilt from their journal records."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ def revived(record: Record, out: Path) -> Job:
             Machine(
                 quality=asked["quality"],
                 tolerance=asked.get("tolerance"),
+                depth_repair=asked.get("depth_repair", "auto"),
                 tile=asked.get("tile"),
             ),
             asked["suffix"],

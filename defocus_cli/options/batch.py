@@ -14,8 +14,8 @@ from defocus_cli.batch.execution import Execute
 from defocus_cli.jobs.job import Job, Machine
 from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.journal.journal import Shard
-from defocus_cli.options.shared import Command, cores, machine_option, memory_options
-from defocus_cli.options.types import Quantity, option_name
+from defocus_cli.options.shared import cores, machine_option, memory_options
+from defocus_cli.options.types import Command, Quantity, option_name
 from defocus_cli.rendering import memory_budget
 from defocus_cli.system import memory
 from defocus_cli.system.errors import UsageProblem
@@ -178,11 +178,12 @@ def shards_size_option(command: Command) -> Command:
 
 
 def computed_by(jobs: list[Job], machine: Machine) -> list[Job]:
-    """The jobs, done by a machine; their quality stays, and their tiles unless it has its own."""
+    """The jobs, done by a machine; quality and repair stay, and tiles unless it has its own."""
 
     def adapted(own: Machine) -> Machine:
         tile = machine.tile or own.tile
-        return replace(machine, quality=own.quality, tolerance=own.tolerance, tile=tile)
+        who = replace(own, device=machine.device, threads=machine.threads)
+        return replace(who, memory=machine.memory, tile=tile)
 
     return [replace(job, machine=adapted(job.machine)) for job in jobs]
 

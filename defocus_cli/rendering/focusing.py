@@ -1,4 +1,4 @@
-"""What a lens is once the depth is known: where its focus lies, and how large its blur gets.
+"""The lens once the depth is known: its focus distance, its CoC, and the quality it asks for.
 
 A lens that was drawn at random and does not suit the picture is drawn again, `ATTEMPTS` times in
 all.
@@ -81,18 +81,18 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin(lens, size).radius_at_infinity()
 
 
-def mended(lens: Lens, depth: Depth) -> str:
+def repair_of(lens: Lens, depth: Depth) -> str:
     """What would be done to a whole depth before it is rendered, in words; empty if nothing."""
     import torch
 
-    from defocus_cli.rendering.outcome import mended_words
+    from defocus_cli.rendering.outcome import repair_words
     from defocus_cli.system.arrays import IN_MEMORY
-    from defocus_core import depth_mending
+    from defocus_core import diagnose_depth
 
     height, width = depth.metres.shape
     radius = torch.from_numpy(radius_map(lens, depth, IN_MEMORY)[0])
     infinity = radius_at_infinity(lens, (width, height))
-    return mended_words(depth_mending(radius, infinity, torch.get_num_threads()))
+    return repair_words(diagnose_depth(radius, infinity, torch.get_num_threads()))
 
 
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""What rendering will take: work, seconds and memory, from the inputs and from this machine."""
+"""Forecast of a job: work, seconds and memory, before it is rendered."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import RENDERED_KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.calibration import work_per_second
 from defocus_cli.rendering.memory_budget import base_mb
 from defocus_cli.rendering.memory_fit import peak_mb
-from defocus_cli.rendering.outcome import mended_words
+from defocus_cli.rendering.outcome import repair_words
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import duration
 from defocus_cli.system.errors import UserError
@@ -39,7 +38,7 @@ class Forecast:
         scratch_mb: that its arrays take in scratch files; 0 if they are held in memory.
         color_note: how its colour is read.
         depth_note: how its depth is read.
-        depth_mended: what would be done to it before it is rendered; empty if nothing.
+        repair_note: what would be done to it before it is rendered; empty if nothing.
     """
 
     job: Job
@@ -52,7 +51,7 @@ class Forecast:
     scratch_mb: float = 0.0
     color_note: str = ""
     depth_note: str = ""
-    depth_mended: str = ""
+    repair_note: str = ""
 
 
 def forecasts(
@@ -73,7 +72,7 @@ def forecasts(
     job_steps.load()
     device = job_steps.choose_device(jobs[0].machine.device)
     rate = 0.0
-    if any(_renders(job) for job in jobs):
+    if any(job.outputs.need_rendering for job in jobs):
         rate = work_per_second(device, jobs[0].machine.threads)
     found = {}
     for number in _some(len(jobs)):
@@ -92,10 +91,6 @@ def _some(jobs: int) -> Sequence[int]:
     return [k * (jobs - 1) // (MOST_READ - 1) for k in range(MOST_READ)]
 
 
-def _renders(job: Job) -> bool:
-    return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
-
-
 def _forecast(job: Job, device: str, rate: float) -> Forecast:
     from defocus_cli.rendering import job_steps
     from defocus_cli.rendering.render_picture import stream_of
@@ -106,13 +101,13 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     read_seconds = time.perf_counter() - start
     outcome, radius = job_steps.looked_at(job, loaded)
     held = loaded.holding
-    found, seconds, mended = None, 0.0, ""
+    found, seconds, repair_note = None, 0.0, ""
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
-    if _renders(job):
+    if job.outputs.need_rendering:
         stream = stream_of(loaded, radius, outcome)
         found = cost(stream)
         seconds, peak = found.work / rate, peak_mb(job, stream, held, device)
-        mended = mended_words(stream.mending)
+        repair_note = repair_words(stream.repair)
     return Forecast(
         job=job,
         size=outcome.size,
@@ -124,7 +119,7 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
         scratch_mb=held.arrays_mb if held.scratch else 0.0,
         color_note=loaded.color.note,
         depth_note=loaded.depth.note,
-        depth_mended=mended,
+        repair_note=repair_note,
     )
 
 
@@ -137,7 +132,7 @@ def record(forecast: Forecast) -> dict[str, Any]:
         "render_seconds": forecast.seconds,
         "peak_mb": forecast.peak_mb,
         "color_note": forecast.color_note,
-        "depth_note": "; ".join(filter(None, (forecast.depth_note, forecast.depth_mended))),
+        "depth_note": "; ".join(filter(None, (forecast.depth_note, forecast.repair_note))),
     }
     if forecast.scratch_mb:
         found["scratch_mb"] = forecast.scratch_mb
@@ -159,11 +154,11 @@ def line(forecast: Forecast) -> str:
     if (cost := forecast.cost) is None:
         return f"{told}maps alone, nothing is rendered{scratch}"
     share = 100 * cost.slice_tiles_seen / cost.slice_tiles
-    mended = f"; depth: {forecast.depth_mended}" if forecast.depth_mended else ""
+    repair_note = f"; depth: {forecast.repair_note}" if forecast.repair_note else ""
     return (
         f"{told}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "
         f"slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
-        f"at most {forecast.peak_mb:.0f} MB{scratch}{mended}"
+        f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
     )
 
 

@@ -1,4 +1,4 @@
-"""What the steps of a job hand on: what was decoded, what was computed, and what became of it."""
+"""What the steps of a job pass on: decoded inputs, computed pictures, the outcome."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import RENDERED_KINDS
 from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:
     from defocus_cli.formats.color import Color
     from defocus_cli.formats.depth import Depth
-    from defocus_core import Mending
+    from defocus_core import DepthRepair
 
 
 @dataclass(frozen=True)
@@ -33,12 +32,12 @@ class Outcome:
     render_cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
-    depth_mended: str = ""  # what was done to it before it was rendered
+    repair_note: str = ""  # what was done to it before it was rendered
 
-    def depth_told(self, kind: str = RENDERED_KINDS[0]) -> str:
+    def depth_told(self, *, rendered: bool = True) -> str:
         """How the depth of an output was understood; maps of radii show it as it was given."""
-        mended = self.depth_mended if kind in RENDERED_KINDS else ""
-        return "; ".join(filter(None, (self.depth_note, mended)))
+        repair_note = self.repair_note if rendered else ""
+        return "; ".join(filter(None, (self.depth_note, repair_note)))
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Made:
         outcome: how.
         color: what it was made of, for the metadata and further channels to carry along.
         radius: signed CoC radius in px, [H, W].
-        images: kind to C arrays [H, W] of linear pixels, and trust to one.
+        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
         clamped: how many pixels of a kind were clamped to be half.
     """
 
@@ -70,16 +69,16 @@ class Made:
     clamped: Mapping[str, int]
 
 
-def mended_words(mending: Mending) -> str:
+def repair_words(repair: DepthRepair) -> str:
     """What was done to the depth before it was rendered; empty if nothing."""
     done = []
-    if mending.noise is not None:
-        done.append(f"noisy by {mending.noise:.2g} px of radius, smoothed within surfaces")
-    if mending.antialiased is not None:
-        of = "disparity" if math.isinf(mending.antialiased) else "distance"
+    if repair.noise is not None:
+        done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
+    if repair.antialiased is not None:
+        of = "disparity" if math.isinf(repair.antialiased) else "distance"
         done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    if mending.soft_edges:
+    if repair.soft_edges:
         done.append("its soft edges moved to where the colours have edges")
-    if mending.terraces:
+    if repair.quantised:
         done.append("of few levels, smoothed between them")
     return "; ".join(done)

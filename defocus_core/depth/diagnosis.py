@@ -1,4 +1,4 @@
-"""What a first look over a picture tells: its ranges, and how steep and how bright it is."""
+"""Diagnosis of a depth map: anti-aliased, soft or ramped edges, and quantised levels."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.antialiased import EVERY, averaged_from, averages
+from defocus_core.depth.noise import noise_from, scatter_counts
 from defocus_core.depth.quantised import Levels, are_few, levels_of
 from defocus_core.depth.ramps import STEEP, are_steeper, steepness
-from defocus_core.depth.repair import Mending, denoised
 from defocus_core.depth.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.source import Pixels, bands, spread
@@ -20,22 +20,23 @@ from defocus_core.runtime.threads import threaded
 _EDGES = 0.25
 # Hard edges to a pixel on a ramp that make a surface of this one.
 _RARE = 16
-# Every how many rows and columns a pixel is looked at where some will do, and every how many rows
-# from either end of the frame.
-_SOME, _SOME_ROWS = 3, 12
+# Every how many rows, from either end of the frame, are searched for levels.
+_LEVEL_ROWS = 12
 
 
-class _Depth(NamedTuple):
-    """What some rows of a picture tell of its depth.
+class _Evidence(NamedTuple):
+    """What a band of rows shows of the repair that the frame needs.
 
     Attributes:
-        ends: [4] least and greatest radius, greatest steps down and across.
+        scatter: From `scatter_counts`.
+        ends: [2] least and greatest radius in px.
         softest: Slope in px per px of the steepest soft edge.
-        ramps: How many pixels lie on steep ramps, wide or not.
+        ramps: Number of pixels on steep ramps, wide or not.
         levels: Of depth.
-        averages: [2, 4], see there.
+        averages: [2, 4], from `averages`.
     """
 
+    scatter: Tensor
     ends: Tensor
     softest: Tensor
     ramps: Tensor
@@ -43,72 +44,93 @@ class _Depth(NamedTuple):
     averages: Tensor
 
 
-def mending_of(
-    signed_radius: Pixels, dtype: torch.dtype, threads: int, infinity: float | None = None
-) -> Mending:
-    """What depth needs; the arguments are those of `survey`."""
-    height, width = signed_radius.shape
+class DepthRepair(NamedTuple):
+    """The repair of a depth map.
 
-    def looked_at(rows: tuple[int, int]) -> _Depth:
-        return _depth_of(signed_radius, rows, dtype, infinity)
+    Attributes:
+        noise: Standard deviation in px of the noise that is smoothed; None if there is none.
+        antialiased: For edges of averages, made hard: the signed radius in px at infinity if they
+            average distance, infinity if they average disparity; None if edges are no averages.
+        soft_edges: Slope in px per px of soft edges, moved to the edges of colour; None if most
+            edges are hard.
+        ramps: Whether ramps between surfaces become steps.
+        quantised: Whether steps between few levels become slopes.
+    """
 
-    told = list(threaded(looked_at, bands(height, width), threads))
-    return _mending(signed_radius, told, infinity)
+    noise: float | None = None
+    antialiased: float | None = None
+    soft_edges: float | None = None
+    ramps: bool = False
+    quantised: bool = False
 
 
-def depth_mending(
-    signed_radius: Tensor, infinity: float | None = None, threads: int = 1
-) -> Mending:
-    """What would be mended of depth before it is rendered.
+def diagnosed(
+    signed_radius: Pixels, infinity: float | None, threads: int, noise: float | None = None
+) -> DepthRepair:
+    """The repair that radii need; of noisy ones only their noise, which hides all else.
 
     Args:
         signed_radius: [H, W] px.
-        infinity: As for `render`.
-        threads: To compute with.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+        threads: Bands of rows looked at at once.
+        noise: Standard deviation in px of the noise that was smoothed; None to look for noise.
     """
-    quiet, noise = denoised(signed_radius, threads, hold=True)
-    return mending_of(quiet, signed_radius.dtype, threads, infinity)._replace(noise=noise)
+    dtype = torch.promote_types(signed_radius.dtype, torch.float32)
+
+    def evidence(rows: tuple[int, int]) -> _Evidence:
+        return _evidence(signed_radius, rows, dtype, infinity)
+
+    bands_of = bands(*signed_radius.shape)
+    found = list(threaded(evidence, bands_of, threads))
+    if noise is None:
+        noise = noise_from(torch.stack([band.scatter for band in found]).sum(0))
+        if noise is not None:
+            return DepthRepair(noise=noise)
+    return _repair(signed_radius, found, infinity)._replace(noise=noise)
 
 
-def _depth_of(
+def _evidence(
     signed_radius: Pixels, rows: tuple[int, int], dtype: torch.dtype, infinity: float | None
-) -> _Depth:
-    """What a band tells, from its first row to before the end."""
+) -> _Evidence:
+    """The evidence of the rows [first, end)."""
     H, W = signed_radius.shape
     above = min(rows[0], 2)
     around = signed_radius[rows[0] - above : rows[1] + 2].detach().to(dtype)
     below = around[above : above + rows[1] + 1 - rows[0]]
     r = below[: rows[1] - rows[0]]
     steps = [around.diff(dim=dim) for dim in (0, 1)]
-    most = [float(ends_of(s).abs().amax()) if s.numel() else 0.0 for s in steps]
-    ends = torch.cat([ends_of(r), r.new_tensor(most)])
+    steepest = max(float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps)
+    ends = ends_of(r)
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
-    if max(most) > LEAST:
+    if steepest > LEAST:
         if any(are_steeper(step, dim, LEAST) for dim, step in enumerate(steps)):
             slope = steepness(around)
             softest = softness(slope)[above : above + len(r)].amax()
             ramps = (slope[above : above + len(r)] > STEEP).sum()
         averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
-    some = spread(H, _SOME_ROWS, *rows)
+    scatter = scatter_counts(around, rows[0] - above, rows, H)
+    some = spread(H, _LEVEL_ROWS, *rows)
     levels = levels_of(r[some], below[1:][[i for i in some if i + 1 < len(below)]])
-    return _Depth(ends, softest, ramps, levels, averaged)
+    return _Evidence(scatter, ends, softest, ramps, levels, averaged)
 
 
-def _mending(signed_radius: Pixels, told: list[_Depth], infinity: float | None) -> Mending:
-    """What all bands together need."""
-    ends = torch.stack([depth.ends for depth in told])
-    softest = float(torch.stack([depth.softest for depth in told]).amax())
-    ramps = torch.stack([depth.ramps for depth in told]).sum()
+def _repair(signed_radius: Pixels, found: list[_Evidence], infinity: float | None) -> DepthRepair:
+    """The repair that the evidence of all bands asks for."""
+    ends = torch.stack([band.ends for band in found])
+    if not bool(torch.isfinite(ends).all()):
+        return DepthRepair()  # a picture of such depth is refused
+    softest = float(torch.stack([band.softest for band in found]).amax())
+    ramps = torch.stack([band.ramps for band in found]).sum()
     soft_edges = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
     soft = _mostly_soft(signed_radius, soft_edges) if softest > soft_edges else 0
-    averaged = torch.stack([depth.averages for depth in told]).sum(0)
+    averaged = torch.stack([band.averages for band in found]).sum(0)
     antialiased = averaged_from(averaged, infinity, soft)
-    return Mending(
+    return DepthRepair(
         antialiased=antialiased,
         ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
         soft_edges=soft_edges if soft and antialiased is None else None,
-        terraces=are_few([depth.levels for depth in told]),
+        quantised=are_few([band.levels for band in found]),
     )
 
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.images.source import Pixels, bands, spread
+from defocus_core.images.source import spread
 
 # Every how many rows and columns a pixel is compared with those beside it.
 _EVERY = 16
@@ -46,30 +46,43 @@ _HALF = [
 _OUTSIDE = 1e18
 
 
-def noise_of(signed_radius: Pixels) -> float | None:
-    """The standard deviation in px of the noise of radii [H, W] px; None if there is none.
+def scatter_counts(band: Tensor, first: int, rows: tuple[int, int], height: int) -> Tensor:
+    """Counts of pixels by their scatter, of a sample of some rows of a frame: [_INTERVALS + 3].
+
+    Args:
+        band: [h, W] px, these rows and at least the ones beside them that are in the frame.
+        first: The number of the first row of the band.
+        rows: First and last row + 1.
+        height: Rows of the frame.
+    """
+    W = band.shape[1]
+    ends = torch.cat([torch.zeros(1), _interval_ends()]).to(band.device)
+    within = [i for i in spread(height, _EVERY, *rows) if 0 < i + rows[0] < height - 1]
+    columns = torch.tensor([i for i in spread(W, _EVERY) if 0 < i < W - 1], dtype=torch.long)
+    off = _scatter(band, torch.tensor(within) + (rows[0] - first), columns)
+    return torch.bincount(torch.bucketize(off, ends, right=True), minlength=len(ends) + 1)
+
+
+def noise_from(counts: Tensor) -> float | None:
+    """The standard deviation in px of the noise of a frame; None if there is none.
 
     What scatters over much of a frame is taken for noise, whatever it is: relief as small as that
     would be blurred alike.
+
+    Args:
+        counts: The sum of the `scatter_counts` of its rows.
     """
-    H, W = signed_radius.shape
-    device = signed_radius.device
-    ends = torch.logspace(math.log10(_LEAST), math.log10(_STEP), _INTERVALS + 1)
-    columns = torch.tensor([i for i in spread(W, _EVERY) if 0 < i < W - 1], dtype=torch.long)
-    counts = torch.zeros(len(ends) + 2, dtype=torch.long, device=device)
-    limits = torch.cat([ends.new_zeros(1), ends]).to(device)
-    for first, last in bands(H, W):
-        above = max(first - 1, 0)
-        rows = [i + first - above for i in spread(H, _EVERY, first, last) if 0 < i + first < H - 1]
-        off = _scatter(signed_radius[above : last + 1].detach(), torch.tensor(rows), columns)
-        counts += torch.bincount(torch.bucketize(off, limits, right=True), minlength=len(counts))
     apart, alike, *noisy = counts.tolist()
     together = alike + sum(noisy)
     if together <= _TOGETHER * (apart + together) or sum(noisy) <= _SHARE * together:
         return None
     half = sum(1 for count in accumulate(noisy) if 2 * count < sum(noisy))  # where the median is
-    median = math.sqrt(float(ends[half]) * float(ends[half + 1]))
-    return median / _MEDIAN
+    ends = _interval_ends()
+    return math.sqrt(float(ends[half]) * float(ends[half + 1])) / _MEDIAN
+
+
+def _interval_ends() -> Tensor:
+    return torch.logspace(math.log10(_LEAST), math.log10(_STEP), _INTERVALS + 1)
 
 
 def _scatter(r: Tensor, rows: Tensor, columns: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Depth in few levels, made smooth again: between two levels a surface has small steps.
+"""Depth in few levels, made smooth again: a surface has small steps between two levels.
 
 An 8-bit depth map shows a slope as terraces. Where the radius steps by up to a pixel no surface
 ends, but one step of nearly a pixel leaves a gap as wide, through which one would see, as a thin
@@ -15,7 +15,6 @@ from torch import Tensor
 
 from defocus_core.images.neighbourhoods import extreme_around, steps_beside
 from defocus_core.images.source import spread
-from defocus_core.images.sparse_masks import places_of
 
 # Of depth in levels: the share of neighbours that are alike, of the others the shares between which
 # there is no edge, and a step that matters; and the numbers of different radii.
@@ -81,31 +80,29 @@ def without_terraces(signed_radius: Tensor) -> Tensor:
     steps = _at_a_step(r, -1) | _at_a_step(r, -2)
     if not bool(steps.any()):
         return signed_radius
-    at = places_of(extreme_around(steps, _WIDE - 1, torch.maximum))
-    down, across = _smoothed(signed_radius, at, 0), _smoothed(signed_radius, at, 1)
-    return (_smoothed(down, at, 1) + _smoothed(across, at, 0)) / 2  # no axis is the first
+    beside = extreme_around(steps, _WIDE - 1, torch.maximum)
+    down, across = _smoothed(signed_radius, beside, 0), _smoothed(signed_radius, beside, 1)
+    return (_smoothed(down, beside, 1) + _smoothed(across, beside, 0)) / 2  # no axis is the first
 
 
-def _smoothed(radii: Tensor, at: Tensor, dim: int) -> Tensor:
-    """Radii [H, W] of which some, at [n, 2], are means along an axis.
+def _smoothed(radii: Tensor, beside: Tensor, dim: int) -> Tensor:
+    """Radii [H, W] of which the ones beside steps, [H, W], become means along an axis.
 
-    As far to both sides as the surface goes on: a slope stays as it is.
+    A mean reaches as far to both sides as the surface goes on: a slope stays as it is.
     """
-    length, stride = radii.shape[dim], (radii.shape[1], 1)[dim]
-    flat, index = radii.flatten(), at[:, 0] * radii.shape[1] + at[:, 1]
-    total = flat.index_select(0, index)
-    count, goes_on = torch.ones_like(total), torch.ones_like(index, dtype=torch.bool)
-    ends = (total, total)
+    within = radii.detach().diff(dim=dim).abs_() <= _MOST  # of one surface, each pixel and the next
+    goes_on, total = torch.ones_like(beside), radii.clone()
+    count = torch.ones_like(beside, dtype=torch.int8)
     for distance in range(1, _WIDE + 1):
-        goes_on = goes_on & (at[:, dim] >= distance) & (at[:, dim] < length - distance)
-        shift = distance * stride * goes_on
-        further = [flat.index_select(0, index + way * shift) for way in (-1, 1)]
-        for end, next_end in zip(ends, further, strict=True):
-            goes_on = goes_on & ((next_end - end).detach().abs() <= _MOST)
-        total = total + torch.where(goes_on, further[0] + further[1], 0.0)
-        count += 2 * goes_on
-        ends = (further[0], further[1])
-    return flat.index_copy(0, index, total / count).reshape(radii.shape)
+        inner = radii.shape[dim] - 2 * distance
+        if inner < 1:
+            break
+        goes_on = goes_on.narrow(dim, 1, inner) & within.narrow(dim, 0, inner)
+        goes_on &= within.narrow(dim, 2 * distance - 1, inner)
+        pair = radii.narrow(dim, 0, inner) + radii.narrow(dim, 2 * distance, inner)
+        total.narrow(dim, distance, inner).add_(torch.where(goes_on, pair, 0.0))
+        count.narrow(dim, distance, inner).add_(goes_on, alpha=2)
+    return torch.where(beside, total / count, radii)
 
 
 def _at_a_step(r: Tensor, dim: int) -> Tensor:

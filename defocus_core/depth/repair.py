@@ -1,82 +1,90 @@
-"""What is mended of depth before it is rendered, and in which order."""
+"""Repair of a depth map before anything is rendered: diagnosed once, done once, and recorded."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+
+import torch
+from torch import Tensor
 
 from defocus_core.depth.antialiased import AROUND as AROUND_AVERAGES
 from defocus_core.depth.antialiased import without_averages
+from defocus_core.depth.diagnosis import DepthRepair, diagnosed
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
-from defocus_core.depth.noise import noise_of, without_noise
+from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
 from defocus_core.depth.ramps import AROUND as AROUND_RAMPS
 from defocus_core.depth.ramps import without_ramps
 from defocus_core.depth.soft_edges import AROUND as AROUND_SOFT_EDGES
 from defocus_core.depth.soft_edges import with_hard_edges
-from defocus_core.images.derived import Mended, held
+from defocus_core.images.derived import Repaired, held
 from defocus_core.images.source import Pixels
 
-
-class Mending(NamedTuple):
-    """What a picture's depth needs.
-
-    Attributes:
-        antialiased: Where pixels of edges are averages of distance, the signed radius in px of
-            what is infinitely far, where of disparity, infinity; None where they are not.
-        ramps: Whether ramps of depth are to be made steps.
-        soft_edges: Slope in px per px of edges that are soft, to be put where colours have theirs;
-            None where most are hard.
-        terraces: Whether small steps are to be made slopes.
-        noise: Standard deviation in px of noise that was taken out before all else; None if there
-            was none.
-    """
-
-    antialiased: float | None = None
-    ramps: bool = False
-    soft_edges: float | None = None
-    terraces: bool = False
-    noise: float | None = None
-
-    @property
-    def is_told(self) -> bool:
-        """Whether depth is not what a renderer would write, pixel by pixel."""
-        return self.has_edges or self.terraces
-
-    @property
-    def has_edges(self) -> bool:
-        """Whether edges are put where they belong: ramps beside are surfaces then."""
-        return self.antialiased is not None or self.soft_edges is not None
-
-    def mended(self, signed_radius: Pixels, pixels: Pixels) -> Pixels:
-        """Radii [H, W] px of a picture [C, H, W], changed in each window as it is cut."""
-        if self.antialiased is not None:
-            mend = partial(without_averages, infinity=self.antialiased)
-            signed_radius = Mended(signed_radius, mend, AROUND_AVERAGES)
-        elif self.soft_edges:
-            mend = partial(with_hard_edges, steep=self.soft_edges)
-            signed_radius = Mended(signed_radius, mend, AROUND_SOFT_EDGES, pixels)
-        elif self.ramps:
-            signed_radius = Mended(signed_radius, without_ramps, AROUND_RAMPS)
-        if self.terraces:
-            signed_radius = Mended(signed_radius, without_terraces, AROUND_TERRACES)
-        return signed_radius
+# Whether depth is repaired: where it needs repair, or never.
+DEPTH_REPAIRS = ("auto", "off")
 
 
-def denoised(signed_radius: Pixels, threads: int, *, hold: bool) -> tuple[Pixels, float | None]:
-    """Radii [H, W] px without noise, before anything else is seen in them, and how much it was.
+def repaired(
+    signed_radius: Pixels,
+    pixels: Pixels,
+    *,
+    infinity: float | None,
+    threads: int,
+    hold: bool,
+) -> tuple[Pixels, DepthRepair]:
+    """Signed radii of surfaces, as a renderer would write them, and the repair that made them so.
+
+    Noise comes first, for it hides all else; then edges, then quantisation.
 
     Args:
         signed_radius: [H, W] px, as given.
-        threads: Bands that are computed at once.
-        hold: Whether there is room for them.
+        pixels: [C, H, W] linear, whose edges tell where soft edges of depth belong.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+        threads: Bands of rows computed at once.
+        hold: Whether there is room for the repaired radii of a large picture that is no tensor;
+            without room each window is repaired when it is cut.
 
     Returns:
-        The radii, and the standard deviation in px; as they are and None if there is no noise.
+        [H, W] px, the given radii themselves if they need no repair; and the repair.
     """
-    noise = noise_of(signed_radius)
-    if noise is None:
-        return signed_radius, None
-    quiet = Mended(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
-    return held(quiet, signed_radius, threads=threads, hold=hold), noise
+    hold_all = partial(held, threads=threads, hold=hold)
+    radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+    if repair.antialiased is not None:
+        mend = partial(without_averages, infinity=repair.antialiased)
+        radii = hold_all(Repaired(radii, mend, AROUND_AVERAGES), radii)
+    elif repair.soft_edges is not None:
+        mend = partial(with_hard_edges, steep=repair.soft_edges)
+        radii = hold_all(Repaired(radii, mend, AROUND_SOFT_EDGES, pixels), radii, pixels)
+    elif repair.ramps:
+        radii = hold_all(Repaired(radii, without_ramps, AROUND_RAMPS), radii)
+    if repair.quantised:
+        radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
+    return radii, repair
+
+
+def diagnose_depth(
+    signed_radius: Tensor, infinity: float | None = None, threads: int = 1
+) -> DepthRepair:
+    """The repair that a depth map needs before it is rendered.
+
+    Args:
+        signed_radius: [H, W] px.
+        infinity: As for `render`.
+        threads: To compute with.
+    """
+    with torch.no_grad():
+        return _diagnosed(signed_radius, infinity, threads, hold=True)[1]
+
+
+def _diagnosed(
+    signed_radius: Pixels, infinity: float | None, threads: int, *, hold: bool
+) -> tuple[Pixels, DepthRepair]:
+    """Radii [H, W] px without noise, and the repair that they and the given ones need."""
+    repair = diagnosed(signed_radius, infinity, threads)
+    if repair.noise is None:
+        return signed_radius, repair
+    smooth = partial(without_noise, noise=repair.noise)
+    quiet = Repaired(signed_radius, smooth, AROUND_NOISE)
+    radii = held(quiet, signed_radius, threads=threads, hold=hold)
+    return radii, diagnosed(radii, infinity, threads, repair.noise)

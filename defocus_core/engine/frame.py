@@ -1,4 +1,4 @@
-"""What all regions of one picture share: slices, windows, grid, repair of depth."""
+"""What all regions of one picture share: slices, windows, grid."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import NamedTuple
 import torch
 
 from defocus_core.blur.kernel_bank import Window
-from defocus_core.depth.repair import Mending
 from defocus_core.images.box import Box
 from defocus_core.images.tiling import Grid
 from defocus_core.layers.octaves import Turns
@@ -67,7 +66,7 @@ class Frame:
         known: How what is known to be hidden is blurred.
         invented: How what is invented is.
         edges: Whether surfaces hide others.
-        mending: What is mended of depth.
+        quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
         tilted: Whether surfaces may be tilted.
         margin: Px around a region that its pixels depend on.
         sharp: Radius in px up to which pixels are in focus; None where slices were asked for.
@@ -94,7 +93,7 @@ class Frame:
     known: FillSlices
     invented: FillSlices
     edges: bool
-    mending: Mending
+    quantised: bool
     tilted: bool
     margin: int
     sharp: float | None

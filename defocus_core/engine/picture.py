@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 
-import torch
-
-from defocus_core.depth.diagnosis import mending_of
-from defocus_core.depth.repair import Mending, denoised
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair import DEPTH_REPAIRS, repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.engine.draft_enlarging import Enlarging
 from defocus_core.engine.preparation import frame_of
@@ -23,7 +20,7 @@ from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import SHARP
 from defocus_core.layers.quality import Quality
 from defocus_core.optics.aperture import Aperture
-from defocus_core.runtime.validation import described, flag, number, whole
+from defocus_core.runtime.validation import described, flag, number, one_of, whole
 
 _MOST_LAYERS = 1 << 16  # what depth in 16 bits tells apart
 
@@ -37,7 +34,7 @@ class Picture:
         frame: What is rendered, in px or in cells.
         image: [C, h, w] of that; in cells, with one channel more.
         signed_radius: [h, w] of that, in px or in cells.
-        mending: What was mended of depth.
+        repair: Of its depth.
     """
 
     def __init__(
@@ -54,12 +51,13 @@ class Picture:
         threads: int = 1,
         tile: int | None = None,
         infinity: float | None = None,
+        depth_repair: str = "auto",
         hold: bool = False,
     ) -> None:
         """Look at it as a whole; the arguments are those of `render`, for one picture.
 
         Of a large one whose image and radii are no tensors, `hold` says whether there is room for
-        its cells; else they are made again wherever they are looked at.
+        its repaired radii and its cells; else they are made again wherever they are looked at.
 
         Raises:
             ValueError: If a value is not finite, an option is out of its range, or a CoC does not
@@ -74,6 +72,7 @@ class Picture:
         psf_ks = _count("psf_ks", psf_ks)
         tile = _count("tile", tile, least=BLOCK)
         infinity = _finite(infinity)
+        depth_repair = one_of("depth_repair", depth_repair, DEPTH_REPAIRS)
         if not isinstance(aperture, Aperture):
             raise ValueError(
                 f"aperture must be an Aperture, got {described(aperture)}; Aperture() is round"
@@ -89,30 +88,31 @@ class Picture:
             threads=threads,
             tile=tile,
         )
-        signed_radius, noise = denoised(signed_radius, threads, hold=hold)
+        self.repair = DepthRepair()
+        if depth_repair == "auto":
+            signed_radius, self.repair = repaired(
+                signed_radius, image, infinity=infinity, threads=threads, hold=hold
+            )
         exact = num_layers is not None or psf_ks is not None
         self.at_half_size = quality.half_size and not exact and _is_blurred(signed_radius)
         self._enlarging: Enlarging | None = None
         if not self.at_half_size:
             self.image, self.signed_radius = image, signed_radius
             self.frame = looked_at(
-                image, signed_radius, quality=quality, hidden=hidden, infinity=infinity
+                image,
+                signed_radius,
+                quality=quality,
+                hidden=hidden,
+                quantised=self.repair.quantised,
             )
-            self.mending = self.frame.mending._replace(noise=noise)
             return
         if hidden is not None:
             self._hidden = behind_at_half_size(hidden, threads, hold=hold)
         looked_at = partial(looked_at, quality=quality.in_cells(), hidden=self._hidden)
         made = partial(half_size, threads=threads, hold=hold)
-        dtype = torch.promote_types(signed_radius.dtype, torch.float32)
-        self.mending = mending_of(signed_radius, dtype, threads, infinity)._replace(noise=noise)
-        # cells do not tell: halving hardens what is soft
-        of_px = self.mending.mended(signed_radius, image) if self.mending.is_told else signed_radius
-        cells, radii = made(means, image), made(radii_in_cells, of_px, image)
-        frame = looked_at(cells, radii, infinity=None if infinity is None else infinity / 2)
-        ramps = frame.mending.ramps and not self.mending.has_edges
-        self.frame = replace(frame, mending=Mending(ramps=ramps))
-        self._enlarging = Enlarging(self.frame, cells, image, of_px, threads=threads)
+        cells, radii = made(means, image), made(radii_in_cells, signed_radius, image)
+        self.frame = looked_at(cells, radii)
+        self._enlarging = Enlarging(self.frame, cells, image, signed_radius, threads=threads)
         self.image, self.signed_radius = self._enlarging.cells, radii
 
     def parts(

@@ -1,4 +1,4 @@
-"""What holds for a whole picture: its slices, their windows, and the regions it is cut into."""
+"""Preparation of a picture: its slices, their windows, its tiles and regions."""
 
 from __future__ import annotations
 
@@ -35,9 +35,11 @@ def frame_of(
     hidden: Behind | None,
     threads: int,
     tile: int | None = None,
-    infinity: float | None = None,
+    quantised: bool = False,
 ) -> Frame:
     """Look at a picture as a whole; the arguments are those of `render`, for one picture.
+
+    Its radii are repaired; `quantised` says that they had few levels.
 
     Raises:
         ValueError: If a value is not finite, or a CoC does not fit psf_ks.
@@ -50,7 +52,7 @@ def frame_of(
         cells = [*cells, LEFT, RIGHT]
         groups.append(slice(1, 3))
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
-    seen = survey(pixels, signed_radius, dtype, threads, infinity)
+    seen = survey(pixels, signed_radius, dtype, threads)
     least, most = seen.least, seen.most
     if hidden is not None:
         least, most = _with_hidden(hidden, least, most)
@@ -59,7 +61,7 @@ def frame_of(
     limit = threshold(seen.brightness, seen.brightest)
     dtype = torch.float64 if _needs_double(seen, limit) else dtype
     grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
-    edges = max(seen.steepest) > EDGE or seen.mending.antialiased is not None
+    edges = max(seen.steepest) > EDGE
     halvings = 0 if num_layers or not edges else quality.hidden_halvings
     spreads = _spreads(radii, numbers, quality, (H, W), 0)
     coarse = _spreads(radii, numbers, quality, (H, W), halvings)
@@ -123,7 +125,7 @@ def frame_of(
         known=filling(1, 0, spreads, reaches),
         invented=filling(stride, halvings, coarse, invented),
         edges=edges,
-        mending=seen.mending,
+        quantised=quantised,
         tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
         margin=margin,
         sharp=None if num_layers else SHARP,

@@ -201,7 +201,7 @@ class Region:
     def _fronts(self, index: int) -> tuple[Fronts, tuple[int, ...]]:
         """What the parts of the aperture see of a tile, and what was not needed for that."""
         frame = self._frame
-        doubt = _DOUBT * frame.quality.least_slope if frame.mending.terraces else None
+        doubt = _DOUBT * frame.quality.least_slope if frame.quantised else None
         visible = self._blur.over_tile(self._visible, index)
         firsts = [next(iter(layers.values())).layer for layers in visible]
         size = self._tiles[index][2:]

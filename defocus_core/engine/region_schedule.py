@@ -1,4 +1,4 @@
-"""The regions of a picture, computed one by one or some at once, and put together."""
+"""The regions of a picture, computed in order, some at once."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def finished(
         at_once: Regions computed at once at most: bounds memory. None for as many as threads.
         progress: As for `render`.
     """
-    beyond, given = None, signed_radius
-    signed_radius = frame.mending.mended(signed_radius, pixels)
+    beyond = None
     if frame.edges:
         beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads, frame.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
-    wanted = isinstance(given, Tensor) and given.requires_grad  # a copy has no slope
+    # a copied pixel has no gradient to the radius
+    wanted = isinstance(signed_radius, Tensor) and signed_radius.requires_grad
     done, told_of = count(1), Counter[Box]()
 
     def told(box: Box, count: int) -> None:
@@ -60,7 +60,7 @@ def finished(
                 progress(number, len(frame.grid.tiles))
 
     def computed(grid: Grid) -> Views:
-        part = grid if wanted else blurred_part(frame, grid, given)
+        part = grid if wanted else blurred_part(frame, grid, signed_radius)
         if not part:
             counts = counts_of_copies(frame, grid.box.area, len(grid.tiles))
             return _copied(frame, grid.box, pixels)._replace(stats=counts)

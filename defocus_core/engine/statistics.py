@@ -1,4 +1,4 @@
-"""Statistics of a picture: ends, steepness, brightness, levels of its depth."""
+"""Statistics of a picture: the range and steepness of its radii, and its brightness."""
 
 from __future__ import annotations
 
@@ -8,20 +8,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.depth.diagnosis import (
-    _SOME,
-    _Depth,
-    _depth_of,
-    _mending,
-)
-from defocus_core.depth.repair import Mending
 from defocus_core.images.box import Box
+from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.order_statistics import Ranks, counted
 from defocus_core.images.source import Pixels, banded, bands
 from defocus_core.runtime.threads import threaded
 
 # Px of radius: any picture is a point beside it.
 MOST = 1e8
+# Every how many rows and columns the brightness of a pixel is taken where a sample is enough.
+_SAMPLED = 3
 
 
 class Survey(NamedTuple):
@@ -31,7 +27,6 @@ class Survey(NamedTuple):
         least: Signed radius in px.
         most: The same.
         steepest: Greatest differences of radius between neighbours in px: down, across.
-        mending: What depth needs.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
         brightness: Of all pixels.
@@ -42,7 +37,6 @@ class Survey(NamedTuple):
     least: float
     most: float
     steepest: tuple[float, float]
-    mending: Mending
     darkest: float
     brightest: float
     brightness: Ranks
@@ -55,7 +49,6 @@ def survey(
     signed_radius: Pixels,
     dtype: torch.dtype,
     threads: int,
-    infinity: float | None = None,
 ) -> Survey:
     """Look at each pixel once.
 
@@ -64,31 +57,30 @@ def survey(
         signed_radius: [H, W] px.
         dtype: To compute in.
         threads: Bands of rows looked at at once.
-        infinity: Signed radius in px of what is infinitely far; None if that is not known.
 
     Raises:
         ValueError: If a value is not finite, or a radius is beyond `MOST`.
     """
     H, W = signed_radius.shape
 
-    def looked_at(rows: tuple[int, int]) -> tuple[_Depth, Tensor, list[Tensor]]:
-        """What a band tells, its least and greatest value, and counts that add up."""
+    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor, list[Tensor]]:
+        """Statistics of radii, the least and greatest value of colours, and counts that add up."""
         some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         brightness = some.amax(0)
         few = _few(brightness, rows[0])
         counts = [counted(brightness), counted(few), (few <= 0).sum()]
-        depth = _depth_of(signed_radius, rows, dtype, infinity)
-        return depth, torch.stack([some.amin(), brightness.amax()]), counts
+        radii = _of_radii(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
+        return radii, torch.stack([some.amin(), brightness.amax()]), counts
 
-    told: list[_Depth] = []
+    of_radii: list[Tensor] = []
     values: list[Tensor] = []
     total: list[Tensor] = []
-    for depth, pair, counts in threaded(looked_at, bands(H, W), threads):
-        told.append(depth)
+    for radii, pair, counts in threaded(looked_at, bands(H, W), threads):
+        of_radii.append(radii)
         values.append(pair)
         total = [a + b for a, b in zip(total, counts, strict=True)] if total else counts
     brightness, lit, black = total
-    least, most, down, across = torch.stack([depth.ends for depth in told]).unbind(1)
+    least, most, down, across = torch.stack(of_radii).unbind(1)
     darkest, brightest = torch.stack(values).unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
@@ -110,7 +102,6 @@ def survey(
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
-        mending=_mending(signed_radius, told, infinity),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
         brightness=Ranks(brightness, brightness_again, dtype),
@@ -119,6 +110,19 @@ def survey(
     )
 
 
+def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:
+    """Least and greatest radius of some rows, and greatest step down and across: [4].
+
+    Args:
+        band: [h, W] px, these rows and the one below them.
+        rows: First and last row + 1.
+    """
+    radii = band[: rows[1] - rows[0]]
+    steps = band.diff(dim=0), radii.diff(dim=1)
+    steepest = [float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps]
+    return torch.cat([ends_of(radii), radii.new_tensor(steepest)])
+
+
 def _few(brightness: Tensor, first: int) -> Tensor:
     """Some pixels of a band that begins at a row: the same of the frame, however it is banded."""
-    return brightness[-first % _SOME :: _SOME, ::_SOME]
+    return brightness[-first % _SAMPLED :: _SAMPLED, ::_SAMPLED]

@@ -1,4 +1,4 @@
-"""What rendering a picture takes: its work, and a bound of its memory, told before it is rendered.
+"""The cost of a rendering before it is done: its work, and a bound of its memory.
 
 The renderer's own rules give the slices, tiles and regions of the picture. A look at its radii says
 which slices reach which tiles, and where edges of depth are, behind which content is invented. Work
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.unchanged_parts import blurred_part
 from defocus_core.images.box import Box
@@ -102,7 +103,8 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
         3 * stream.picture.at_half_size * pixels * sample * isinstance(stream.picture.image, Tensor)
     )
     spectra = 2 * _bytes_of_spectra(frame)
-    whole = _FIXED + coarse + enlarged + spectra
+    repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
+    whole = _FIXED + coarse + enlarged + spectra + repaired
     return whole + threads * _OF_THREAD + at_once * (region + result)
 
 

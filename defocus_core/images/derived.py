@@ -1,4 +1,4 @@
-"""Pictures that are made of others, window by window or all at once."""
+"""Pictures derived from others, window by window or all at once."""
 
 from __future__ import annotations
 
@@ -76,13 +76,13 @@ def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
     return picture
 
 
-class Mended(Derived):
-    """Radii [H, W] px, changed by what depends on a few pixels around."""
+class Repaired(Derived):
+    """Radii [H, W] px, each repaired by a few pixels around it."""
 
     def __init__(
         self,
         signed_radius: Pixels,
-        mend: Callable[..., Tensor],
+        repair: Callable[..., Tensor],
         around: int,
         *others: Pixels,
     ) -> None:
@@ -90,11 +90,11 @@ class Mended(Derived):
 
         Args:
             signed_radius: [H, W] px.
-            mend: What changes them.
-            around: Px around a pixel that decide what it becomes.
-            others: What else of the frame, [..., H, W], is given to that.
+            repair: Makes a window of what is given of it.
+            around: Px around a pixel that decide its repair.
+            others: Further pictures [..., H, W] of the frame that the repair needs.
         """
-        self._given, self._mend, self._around = (signed_radius, *others), mend, around
+        self._given, self._repair, self._around = (signed_radius, *others), repair, around
         self.shape = tuple(signed_radius.shape)
         self.dtype = signed_radius.dtype
         self.device = signed_radius.device
@@ -104,4 +104,4 @@ class Mended(Derived):
         (top, below), (left, beside) = rows, columns
         box = Box(top, left, below - top, beside - left)
         around = box.grown(self._around, Box(0, 0, *self.shape[-2:]))
-        return box.seen_from(around).of(self._mend(*map(around.of, self._given)))
+        return box.seen_from(around).of(self._repair(*map(around.of, self._given)))

@@ -1,8 +1,9 @@
-"""What is checked at a door: numbers and tensors, which an error names if they are none."""
+"""Validation of arguments: numbers and tensors, named in errors."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from operator import index
 from typing import Any, TypeVar
 
@@ -120,6 +121,17 @@ def flag(name: str, value: Any) -> bool:
     if isinstance(value, bool):
         return value
     raise ValueError(f"{name} must be True or False, got {described(value)}; bool() makes it one")
+
+
+def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
+    """One of some words.
+
+    Raises:
+        ValueError: If it is another.
+    """
+    if isinstance(value, str) and value in choices:
+        return value
+    raise ValueError(f"{name} must be one of {', '.join(choices)}, got {described(value)}")
 
 
 def pair(name: str, given: tuple[T, T]) -> tuple[T, T]:

@@ -72,7 +72,7 @@ def test_help_names_all_that_json_has(tmp_path: Path) -> None:
     render(color, depth, "-o", out, "--outputs", "coc,trust")
     files = (color, depth, *(out / kind / "c.exr" for kind in ("coc", "trust")))
     records = run("info", "--json", *files, *LENS).json["files"]
-    assert records[1]["depth"]["mended"] == ""
+    assert records[1]["depth"]["repair"] == ""
     inner = [record[key] or {} for record in records for key in ("color", "depth")]
     listed = [one for record in records for key in ("parts", "maps") for one in record[key]]
     words = set(re.findall(r"\w+", run("info", "--help").out))

@@ -18,6 +18,7 @@ from command_line import (
     header,
     pair,
     ramp,
+    read_exr,
     render,
     run,
     texture,
@@ -143,6 +144,23 @@ def test_noise_of_depth_is_said_to_be_smoothed(tmp_path: Path) -> None:
         ):
             assert ran.code == 0
             assert ("px of radius, smoothed within surfaces" in ran.err + ran.out) is said
+
+
+def test_depth_is_not_repaired_if_repair_is_off(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    noise = np.random.default_rng(1).normal(0, 0.02, (96, 144))
+    depth = depth_exr(tmp_path / "z.exr", (1 / (0.4 + noise)).astype(np.float32))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
+    note, pictures = "px of radius, smoothed within surfaces", []
+    for given in ("auto", "off"):
+        args = (color, depth, *lens, "-o", tmp_path / given, "--depth-repair", given, "-v")
+        planned, ran = run("render", *args, "--dry-run"), run("render", *args)
+        for told in (planned, ran):
+            assert (note in told.err + told.out) is (given == "auto")
+        pictures.append(read_exr(tmp_path / given / "render" / "a.exr")["G"])
+    assert not np.array_equal(*pictures)
+    ran = run("render", color, depth, *lens, "-o", tmp_path / "off", "--json")
+    assert not ran.json["pictures"][0]["done_before"], "another repair makes another picture"
 
 
 def test_soft_edges_of_depth_are_said_to_be_moved(tmp_path: Path) -> None:

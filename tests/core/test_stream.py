@@ -38,7 +38,7 @@ def test_a_stream_of_soft_depth_is_its_rendering() -> None:
     image, radius = soft_picture(700, 660)
     whole = render(image, radius)
     stream = Stream(Windows(image), Windows(radius), threads=2)
-    assert stream.mending.soft_edges
+    assert stream.repair.soft_edges
     assert same(put_together(stream), whole)
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
 
@@ -60,7 +60,7 @@ def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPa
         stream = Stream(pixels, Windows(radius), quality="draft", hold=hold)
         assert same(put_together(stream), whole)
         looked_at[hold] = pixels.looked_at / radius.numel()
-    assert looked_at[True] < 5 < 10 < looked_at[False]
+    assert looked_at[True] < 5 < 9 < looked_at[False]
 
 
 def test_half_colour_is_rendered_as_the_same_colour_in_float() -> None:

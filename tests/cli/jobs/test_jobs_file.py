@@ -26,6 +26,7 @@ format = "jpeg"
 preview = true
 [machine]
 quality = "draft"
+depth-repair = "off"
 """
     outputs = Outputs(tmp_path / "o", overwrite=True)
     job = read_jobs(jobs_file(tmp_path, FIXED + text), outputs, Machine(device="cpu", threads=3))[0]
@@ -33,7 +34,7 @@ quality = "draft"
     assert job.reading == Reading("cm", "Z", "beauty", 1)
     kinds = ("render", "coc")
     assert job.outputs == Outputs(tmp_path / "o", kinds, "jpg", preview=True, overwrite=True)
-    assert job.machine == Machine("draft", device="cpu", threads=3)
+    assert job.machine == Machine("draft", depth_repair="off", device="cpu", threads=3)
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nexr-type = "float"\n')
     assert job.outputs.exr_type == "float"
 

@@ -44,6 +44,7 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:
         {"outputs": Outputs(Path("out"), kinds=("render", "coc"))},
         {"outputs": Outputs(Path("out"), exr_type="float")},
         {"machine": Machine(quality="draft")},
+        {"machine": Machine(depth_repair="off")},
         {"suffix": "_f2"},
         {"picture": replace(PICTURE, depth=Path("in/other.exr"))},
         {"picture": HIDDEN},

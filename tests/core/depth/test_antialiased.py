@@ -11,9 +11,9 @@ from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
 
 from defocus_core import DefocusLens, render
 from defocus_core.depth.antialiased import AROUND, without_averages
-from defocus_core.engine.statistics import survey
+from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.images.box import Box
-from defocus_core.images.derived import Mended
+from defocus_core.images.derived import Repaired
 
 SIZE = (144, 200)
 FINE = 8
@@ -54,9 +54,7 @@ def sampled() -> Tensor:
 
 
 def told(radius: Tensor, infinity: float | None = INFINITY) -> float | None:
-    return survey(
-        torch.rand(3, *radius.shape), radius, radius.dtype, 1, infinity
-    ).mending.antialiased
+    return diagnosed(radius, infinity, threads=1).antialiased
 
 
 def beside_edges(radius: Tensor) -> Tensor:
@@ -200,7 +198,7 @@ def test_a_window_holds_what_the_whole_holds(kind: str) -> None:
     made, infinity = CASES[kind]
     for radius in (made(), made(3)):
         whole = without_averages(radius, infinity)
-        lazily = Mended(radius, lambda r: without_averages(r, infinity), AROUND)
+        lazily = Repaired(radius, lambda r: without_averages(r, infinity), AROUND)
         for box in (
             Box(20, 30, 30, 40),
             Box(0, 70, 40, 30),

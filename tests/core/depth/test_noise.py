@@ -6,11 +6,12 @@ from measures import worst
 from torch import Tensor
 
 from defocus_core import render
-from defocus_core.depth.noise import AROUND, noise_of, without_noise
+from defocus_core.depth.diagnosis import diagnosed
+from defocus_core.depth.noise import AROUND, without_noise
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.images import derived
 from defocus_core.images.box import Box
-from defocus_core.images.derived import Mended
+from defocus_core.images.derived import Repaired
 from defocus_core.stream import Stream
 
 SIZE = (128, 192)
@@ -20,6 +21,10 @@ def scatter(amount: float, size: tuple[int, int] = SIZE) -> Tensor:
     """Noise of some standard deviation in px."""
     made = torch.Generator().manual_seed(3)
     return amount * torch.randn(size, generator=made, dtype=torch.float64)
+
+
+def noise_of(radius: Tensor) -> float | None:
+    return diagnosed(radius, None, threads=1).noise
 
 
 def card(radius: float = 0.0, far: float = 15.0) -> Tensor:
@@ -122,7 +127,7 @@ def test_no_axis_is_the_first() -> None:
 def test_windows_make_what_the_whole_makes() -> None:
     radius = card() + scatter(0.4)
     whole = without_noise(radius, 0.4)
-    lazily = Mended(radius, lambda r: without_noise(r, 0.4), AROUND)
+    lazily = Repaired(radius, lambda r: without_noise(r, 0.4), AROUND)
     for box in (Box(0, 0, 40, 50), Box(60, 70, 68, 122), Box(30, 20, 1, 1)):
         assert torch.equal(box.of(lazily), box.of(whole))
 
@@ -158,6 +163,6 @@ def test_what_is_held_and_what_is_made_again_are_alike(monkeypatch: pytest.Monke
     for most in (0, 1 << 22):
         monkeypatch.setattr(derived, "_HELD", most)
         stream = Stream(image, Lazily(radius))
-        assert stream.mending.noise == pytest.approx(0.3, rel=0.1)
+        assert stream.repair.noise == pytest.approx(0.3, rel=0.1)
         for part in stream.regions():
             assert torch.equal(part.render, part.box.of(whole))

@@ -6,10 +6,10 @@ from measures import worst
 from torch import Tensor
 
 from defocus_core import render
+from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.quantised import AROUND, without_terraces
-from defocus_core.engine.statistics import survey
 from defocus_core.images.box import Box
-from defocus_core.images.derived import Mended
+from defocus_core.images.derived import Repaired
 
 SIZE = (96, 144)
 LEVELS = 48
@@ -29,7 +29,7 @@ def in_levels(radius: Tensor, count: int = LEVELS) -> Tensor:
 
 
 def seen(radius: Tensor) -> bool:
-    return survey(torch.rand(3, *radius.shape), radius, radius.dtype, 1).mending.terraces
+    return diagnosed(radius, None, threads=1).quantised
 
 
 def cards() -> Tensor:
@@ -87,7 +87,7 @@ def test_an_edge_beside_small_steps_is_no_softer() -> None:
 
 def test_windows_hold_what_the_whole_does() -> None:
     radius = in_levels(slope())
-    whole, lazily = without_terraces(radius), Mended(radius, without_terraces, AROUND)
+    whole, lazily = without_terraces(radius), Repaired(radius, without_terraces, AROUND)
     for box in (Box(0, 0, *SIZE), Box(10, 33, 40, 50), Box(90, 140, 6, 4)):
         assert torch.equal(box.of(lazily), box.of(whole))
 

@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core import render
+from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import steepness, without_ramps
 from defocus_core.depth.soft_edges import (
     AROUND,
@@ -16,9 +17,8 @@ from defocus_core.depth.soft_edges import (
     softness,
     with_hard_edges,
 )
-from defocus_core.engine.statistics import survey
 from defocus_core.images.box import Box
-from defocus_core.images.derived import Mended
+from defocus_core.images.derived import Repaired
 from defocus_core.images.neighbourhoods import extreme_around
 
 SIZE = (60, 96)
@@ -137,16 +137,16 @@ def test_mirrored_pictures_are_mirrored(dims: tuple[int, ...]) -> None:
 def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
     image, radius = bumpy(seed, (200, 240))
     whole = with_hard_edges(radius, image)
-    lazily = Mended(radius, with_hard_edges, AROUND, image)
+    lazily = Repaired(radius, with_hard_edges, AROUND, image)
     for box in (Box(80, 90, 30, 40), Box(0, 100, 64, 64), Box(150, 0, 50, 240), Box(99, 99, 1, 1)):
         assert torch.equal(box.of(lazily), box.of(whole))
 
 
 def told(radius: Tensor) -> bool:
-    seen = survey(torch.rand(3, *radius.shape), radius, torch.float64, 1)
-    if seen.mending.soft_edges is not None:
-        assert seen.mending.soft_edges == slope_of_soft_edges(seen.least, seen.most)
-    return seen.mending.soft_edges is not None
+    slope = diagnosed(radius, None, threads=1).soft_edges
+    if slope is not None:
+        assert slope == slope_of_soft_edges(float(radius.min()), float(radius.max()))
+    return slope is not None
 
 
 @pytest.mark.parametrize("range_px", [20.0, 40.0, 80.0])

@@ -135,14 +135,13 @@ def test_gradients_of_a_draft_are_slopes() -> None:
         assert float((grad * direction).sum()) == pytest.approx(finite, rel=1e-4)
 
 
-def test_depth_of_photographs_is_mended_before_it_is_halved() -> None:
+def test_depth_of_photographs_is_repaired_before_it_is_halved() -> None:
     """Its edges are several px wide: in cells they might be taken for averages."""
     image, radius = scenery("cards", 300, 400, 24.0)
     around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
     soft = torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
     draft = Stream(image, soft, quality="draft")
-    assert draft.mending == Stream(image, soft).mending
-    assert draft.mending.soft_edges
-    assert not draft.frame.mending.is_told
+    assert draft.repair == Stream(image, soft).repair
+    assert draft.repair.soft_edges
     hard = render(image, radius, quality="draft").render
     assert psnr(render(image, soft, quality="draft").render, hard) > 30

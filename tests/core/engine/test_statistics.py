@@ -4,10 +4,11 @@ import pytest
 import torch
 from torch import Tensor
 
+from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import AROUND, without_ramps
 from defocus_core.engine.statistics import survey
 from defocus_core.images.box import Box
-from defocus_core.images.derived import Mended
+from defocus_core.images.derived import Repaired
 from defocus_core.images.source import bands, spread
 
 SIZE = (600, 24)
@@ -38,10 +39,10 @@ def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
 def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 4.0
-    assert not survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
+    assert not diagnosed(radius, None, threads=1).ramps
     radius[row, 5::4] = 2.0  # in two steps
-    assert survey(noise(3, *SIZE), radius, torch.float32, 1).mending.ramps
-    assert survey(noise(3, *SIZE[::-1]), radius.T, torch.float32, 2).mending.ramps
+    assert diagnosed(radius, None, threads=1).ramps
+    assert diagnosed(radius.T, None, threads=2).ramps
 
 
 @pytest.mark.parametrize("row", [3, 254, 255, 256, 590])
@@ -51,8 +52,8 @@ def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row: int) -> None
     radius[row, 5] = 2.0
     for width, ramps in ((12, True), (24, False)):
         few = radius[:, :width]
-        assert survey(noise(3, *few.shape), few, torch.float32, 1).mending.ramps == ramps
-        assert survey(noise(3, *few.T.shape), few.T, torch.float32, 2).mending.ramps == ramps
+        assert diagnosed(few, None, threads=1).ramps == ramps
+        assert diagnosed(few.T, None, threads=2).ramps == ramps
 
 
 def test_brightness_is_that_of_the_brightest_channel() -> None:
@@ -95,7 +96,7 @@ def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None
     radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
     whole = without_ramps(radius)
     assert not torch.equal(whole, radius)
-    lazily = Mended(radius, without_ramps, AROUND)
+    lazily = Repaired(radius, without_ramps, AROUND)
     for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
         assert torch.equal(box.of(lazily), box.of(whole))
 

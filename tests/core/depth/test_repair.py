@@ -1,0 +1,135 @@
+"""Depth is repaired at one door before anything is rendered, as its diagnosis says; or not at all.
+
+Depth that a renderer wrote comes out as the same object; pictures of it do not know the switch.
+"""
+
+import pytest
+import torch
+from streams import Windows, put_together, same
+from torch import Tensor
+
+from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render
+from defocus_core.depth.repair import repaired
+from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.images import derived
+from defocus_core.stream import Stream
+
+SIZE = (200, 260)
+
+
+def noisy() -> tuple[Tensor, Tensor]:
+    image, radius = scenery("cards", *SIZE, 12.0)
+    scatter = torch.randn(SIZE, generator=torch.Generator().manual_seed(1))
+    return image, radius + 0.3 * scatter
+
+
+def soft() -> tuple[Tensor, Tensor]:
+    image, radius = scenery("cards", *SIZE, 24.0)
+    around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
+    return image, torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
+
+
+def quantised() -> tuple[Tensor, Tensor]:
+    """A slope in some hundred levels of 0.3 px."""
+    image, radius = scenery("plane", *SIZE, 12.0)
+    slope = 0.1 * torch.arange(SIZE[1]) + 0.05 * torch.arange(SIZE[0])[:, None]
+    return image, (slope / 0.3).round().to(radius) * 0.3
+
+
+DAMAGED = {"noise": noisy, "soft_edges": soft, "quantised": quantised}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_the_record_is_the_diagnosis(damage: str) -> None:
+    image, radius = DAMAGED[damage]()
+    found, repair = repaired(radius, image, infinity=None, threads=2, hold=False)
+    assert getattr(repair, damage)
+    assert repair == diagnose_depth(radius)
+    assert isinstance(found, Tensor)
+    assert not torch.equal(found, radius)
+
+
+@pytest.mark.parametrize("kind", ["most", "cards", "floor", "thin", "plane"])
+def test_depth_of_a_renderer_needs_no_repair(kind: str) -> None:
+    image, radius = scenery(kind, *SIZE, 12.0)
+    found, repair = repaired(radius, image, infinity=None, threads=1, hold=False)
+    assert found is radius
+    assert not any(repair)
+    for quality in ("draft", "standard"):
+        auto, off = (
+            render(image, radius, quality=quality, depth_repair=switch).render
+            for switch in ("auto", "off")
+        )
+        assert torch.equal(auto, off)
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+def test_repair_is_rendering_of_repaired_depth(damage: str, quality: str) -> None:
+    image, radius = DAMAGED[damage]()
+    whole, repair = repaired(radius, image, infinity=None, threads=1, hold=False)
+    auto = render(image, radius, quality=quality).render
+    if not repair.quantised:  # gaps between few levels are closed besides
+        off = render(image, whole, quality=quality, depth_repair="off").render
+        assert torch.equal(auto, off)
+    assert not torch.equal(auto, render(image, radius, quality=quality, depth_repair="off").render)
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+def test_windows_are_repaired_as_the_whole(
+    damage: str, quality: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image, radius = DAMAGED[damage]()
+    whole = render(image, radius, quality=quality)
+    monkeypatch.setattr(derived, "_HELD", 0)
+    for hold in (False, True):
+        stream = Stream(Windows(image), Windows(radius), quality=quality, hold=hold)
+        assert same(put_together(stream), whole)
+
+
+def test_radii_are_read_once_to_be_repaired_where_there_is_room(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(derived, "_HELD", 0)
+    image, radius = quantised()
+    read = {}
+    for hold in (False, True):
+        radii = Windows(radius)
+        put_together(Stream(Windows(image), radii, hold=hold))
+        read[hold] = radii.looked_at / radius.numel()
+    assert read[True] == 2 < 4 <= read[False]
+
+
+def test_repair_off_diagnoses_nothing() -> None:
+    for make in DAMAGED.values():
+        assert not any(Stream(*make(), depth_repair="off").repair)
+
+
+def test_a_lens_takes_the_switch() -> None:
+    image, radius = (x.float() for x in noisy())
+    depth = 3000 / (1 + 0.03 * radius[None])
+    lens = DefocusLens(foclen=50.0, fnum=2.0, sensor_size=(36.0, 27.7), sensor_res=SIZE[::-1])
+    lens.refocus(-3000.0)
+    for method in ("render_rgbd", "render_rgbd_dp"):
+        pictures = [
+            getattr(lens, method)(image[None], depth, depth_repair=switch)
+            for switch in ("auto", "off")
+        ]
+        assert not torch.equal(pictures[0][0], pictures[1][0])
+    auto, off = (
+        RandomDefocus(foclen=50.0, fnum=1.0, foc_dist=3000.0, blades=0, depth_repair=switch)(
+            image[None], depth, [1]
+        )[0].render
+        for switch in ("auto", "off")
+    )
+    assert not torch.equal(auto, off)
+
+
+def test_another_word_is_refused() -> None:
+    image, radius = noisy()
+    for door in (render, Stream):
+        with pytest.raises(ValueError, match="depth_repair must be one of auto, off, got 'on'"):
+            door(image, radius, depth_repair="on")
+    with pytest.raises(ValueError, match="depth_repair must be one of auto, off, got True"):
+        RandomDefocus(depth_repair=True)  # type: ignore[arg-type]
