@@ -11,18 +11,18 @@ from defocus_core.images.tiling import BLOCK
 
 
 class Points:
-    """The further samples of a surface, each with its share in one slice, sorted by layers."""
+    """The fringe samples of a surface, each with its share in one slice, sorted by layer."""
 
     def __init__(
         self, at: Tensor, samples: Tensor, places: Tensor, layers: list[int], height: int
     ) -> None:
-        """Sort them.
+        """Sort samples by layer and by rows of blocks.
 
         Args:
             at: [n, 2] rows and columns.
-            samples: [n, C + 1].
+            samples: [n, C + 1], colour premultiplied by coverage, then coverage.
             places: [n] positions on the ladder.
-            layers: For each rung the number of its layer.
+            layers: For each rung, the number of its layer.
             height: Rows of the surface.
         """
         lower = places.detach().floor()
@@ -33,37 +33,41 @@ class Points:
         band = number * self._rows + at[:, 0].div(BLOCK, rounding_mode="floor").repeat(2)
         order = band.argsort(stable=True)
         self._rung = rung.long().index_select(0, order)
-        which = order % max(len(at), 1)
-        self._y, self._x = at.index_select(0, which).unbind(1)
-        self._samples = samples.index_select(0, which).T * share.index_select(0, order)
+        sample = order % max(len(at), 1)
+        self._y, self._x = at.index_select(0, sample).unbind(1)
+        self._samples = samples.index_select(0, sample).T * share.index_select(0, order)
         counts = torch.bincount(band, minlength=(max(layers) + 1) * self._rows)
         self._starts = [0, *counts.cumsum(0).tolist()]
 
-    def _of(self, number: int, first: int, end: int) -> slice:
-        """Those of a layer in some bands of rows."""
-        start = number * self._rows
-        return slice(self._starts[start + first], self._starts[start + end])
+    def _range(self, number: int, first: int, end: int) -> slice:
+        """The range of sorted samples of a layer, in rows of blocks from `first` to before `end`."""
+        offset = number * self._rows
+        return slice(self._starts[offset + first], self._starts[offset + end])
 
-    def add(self, slices: Tensor, number: int, first: int, corner: Box, lit: Box) -> None:
-        """Add to slices what lies in a rectangle.
+    def add(self, slices: Tensor, number: int, first: int, window: Box, lit: Box) -> None:
+        """Add the samples in a rectangle to slices of a layer.
 
         Args:
-            slices: [C + 1, k, height, width] of a layer; changed.
-            number: Of the layer.
+            slices: [C + 1, k, height, width]; changed in place.
+            number: Number of the layer.
             first: Rung of the first slice; the others follow.
-            corner: Where they are.
-            lit: The rectangle, within.
+            window: The rectangle of the slices.
+            lit: The rectangle, within the window.
         """
-        some = self._of(number, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
-        if some.start == some.stop:
+        chosen = self._range(number, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
+        if chosen.start == chosen.stop:
             return
         _, k, height, width = slices.shape
-        slot, y, x = self._rung[some] - first, self._y[some] - lit.top, self._x[some] - lit.left
+        slot, y, x = (
+            self._rung[chosen] - first,
+            self._y[chosen] - lit.top,
+            self._x[chosen] - lit.left,
+        )
         inside = (slot >= 0) & (slot < k) & (y >= 0) & (y < lit.height)
         inside &= (x >= 0) & (x < lit.width)
-        origin = (lit.top - corner.top) * width + lit.left - corner.left
+        origin = (lit.top - window.top) * width + lit.left - window.left
         spot = ((slot * height + y) * width + x + origin) * inside
-        slices.view(len(slices), -1).index_add_(1, spot, self._samples[:, some] * inside)
+        slices.view(len(slices), -1).index_add_(1, spot, self._samples[:, chosen] * inside)
 
     def averaged(
         self,
@@ -74,24 +78,25 @@ class Points:
         cells: Box,
         middle: tuple[Axis, Axis],
     ) -> None:
-        """Add the points of a slice to it at reduced resolution.
+        """Add the samples of a slice to this slice at reduced resolution.
 
         Args:
-            pixels: [C + 1, height, width] without; changed.
-            number: Of its layer.
-            rung: Of the slice.
-            step: Px between cells.
-            cells: What the pixels are, counted from the first at or after the middle of the frame.
-            middle: Of the frame, counted from the first sample.
+            pixels: [C + 1, height, width], the slice without the samples; changed in place.
+            number: Number of its layer.
+            rung: Rung of the slice.
+            step: Px from one cell to the next.
+            cells: The rectangle of the slice, in cells from the first at or after the middle of
+                the frame.
+            middle: The middle of the frame, counted from the first sample.
         """
-        some = self._of(number, 0, self._rows)
-        here = torch.nonzero(self._rung[some] == rung)[:, 0] + some.start
-        if not len(here):
+        of_layer = self._range(number, 0, self._rows)
+        of_rung = torch.nonzero(self._rung[of_layer] == rung)[:, 0] + of_layer.start
+        if not len(of_rung):
             return
-        samples = self._samples.index_select(1, here) / step**2
-        sides = []  # of each axis the cells that have shares in a pixel, and the shares
-        for at, axis, start in zip((self._y, self._x), middle, cells[:2], strict=True):
-            offset = at[here] - axis.middle
+        samples = self._samples.index_select(1, of_rung) / step**2
+        sides = []  # for each axis: the cells that have a share of a sample, and their shares
+        for position, axis, start in zip((self._y, self._x), middle, cells[:2], strict=True):
+            offset = position[of_rung] - axis.middle
             lower = offset.div(step, rounding_mode="floor")
             upper = (offset - lower * step).to(samples.dtype) / step
             sides.append(

@@ -16,24 +16,24 @@ from torch import Tensor
 from defocus_core.layers.quality import QUALITIES, Quality, find
 from defocus_core.runtime.validation import number
 
-# Radii in px up to which a pixel is in focus, its disc being much narrower than the pixel; and up
-# to which it is less blurred than it should be, so that shares have no step.
+# Up to a radius of SHARP px a pixel counts as in focus: its disc is much narrower than the pixel.
+# From there to SOFT its blur rises to what its radius says, so that shares have no step.
 SHARP, SOFT = 0.15, 0.25
-# Radii in px below which each slice occludes for itself.
+# Radius in px below which each slice is a layer of its own.
 ALONE = 2.0
 _PX = "radii are in px, negative nearer than focus"
-# Cells of a table that is looked into, at most; and by how much of one rounding may be off.
-_CELLS, _BESIDE = 1 << 14, 0.004
+# Greatest number of bins in a lookup table; and the rounding error of a place in it, in bins.
+_BINS, _ROUNDING = 1 << 14, 0.004
 
 
 class UnreachableTolerance(ValueError):  # noqa: N818 - named for the argument at fault
-    """No quality has slices as close to the pixels as the tolerance wants.
+    """No quality has slices as close to the radii of pixels as the tolerance asks for.
 
     Attributes:
         tolerance: The tolerance that was asked for, in px of radius.
-        finest: The least tolerance that can be had, in px of radius, rounded up to 0.01 px.
+        finest: The least tolerance that a quality reaches, in px of radius, rounded up to 0.01 px.
         least: Signed radius in px of the nearest pixel.
-        most: That of the farthest one.
+        most: Signed radius in px of the farthest pixel.
         quality: The quality that has the finest slices.
     """
 
@@ -71,15 +71,15 @@ def rungs(least: float, most: float, quality: Quality) -> tuple[float, ...]:
 
 
 def quantisation(least: float, most: float, quality: str) -> float:
-    """By how many px of radius a slice is off a pixel at most: half a step of the ladder.
+    """The greatest distance in px from the radius of a pixel to the nearest rung: half a step.
 
-    A pixel belongs to the slices on both sides, so that its blur is of the right width in any case.
-    Where pictures are rendered at half of their size, cells add half a px.
+    A pixel belongs to the slices on both sides, so that its blur has the right width in any case.
+    If the quality renders at half size, the rounding to cells adds half a px.
 
     Args:
         least: Signed radius in px of the nearest pixel.
-        most: That of the farthest one.
-        quality: Whose ladder it is.
+        most: Signed radius in px of the farthest pixel.
+        quality: Name of the quality whose ladder is used.
 
     Raises:
         ValueError: If there is no such quality, or radii are not finite and in order.
@@ -93,15 +93,15 @@ def quantisation(least: float, most: float, quality: str) -> float:
 
 
 def cheapest_within(tolerance: float, least: float, most: float) -> str:
-    """The cheapest quality whose slices are off by no more than a tolerance in px.
+    """The cheapest quality whose `quantisation` is within a tolerance.
 
     Args:
         tolerance: In px of radius.
         least: Signed radius in px of the nearest pixel.
-        most: That of the farthest one.
+        most: Signed radius in px of the farthest pixel.
 
     Raises:
-        UnreachableTolerance: If even the best is off by more.
+        UnreachableTolerance: If no quality is within the tolerance.
         ValueError: If radii are not finite and in order.
     """
     tolerance = number("tolerance", tolerance, _PX)
@@ -123,9 +123,9 @@ def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
     """For each slice the number of its layer, ascending: slices of a layer add, layers occlude.
 
     Where |r| < 2 px each slice is a layer. Beyond, a layer holds the radii of one side of focus
-    that differ by the quality's ratio at most, in ranges that are fixed as the ladder is. What is
-    visible of two surfaces as close as that is nearly complementary after the blur, whichever is
-    in front.
+    whose ratio is at most that of the quality; the ranges are fixed, as the ladder is. The visible
+    parts of two surfaces so close to each other are nearly complementary after the blur, whichever
+    is in front.
     """
     names: list[tuple[int, float]] = []
     for r in radii:
@@ -136,9 +136,9 @@ def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
 
 
 def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
-    """Where radii [...] px stand on the ladder: k on rung k, between k and k + 1 by shares.
+    """Places of radii [...] px on the ladder: k on rung k, k + share between rungs k and k + 1.
 
-    What lies beyond an end of the ladder belongs to this end. Differentiable in the radius.
+    A radius beyond an end of the ladder gets the place of this end. Differentiable in the radius.
     """
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
@@ -157,29 +157,29 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
 
 
 def _between(values: Tensor, ends: list[float]) -> Tensor:
-    """Between which of some ascending ends values [n] are: how many of these do not exceed them.
+    """For each value [n] how many of the ascending ends do not exceed it, as torch.bucketize.
 
-    Cells narrower than the space between two ends hold one at most, so that a look into a table and
-    a comparison will do: faster than a search, and as fast where neighbours are not alike.
+    A bin narrower than the distance between two ends holds one end at most. So one lookup in a
+    table of bins and one comparison suffice: faster than a search, whatever the order of values.
     """
     limits = torch.tensor(ends, dtype=torch.float64, device="cpu").to(values.dtype)
     exact = limits.double()
     width = 0.99 * min((b - a for a, b in pairwise(exact.tolist())), default=0.0)
-    if not (width and ends[-1] - ends[0] < _CELLS * width):
+    if not (width and ends[-1] - ends[0] < _BINS * width):
         return torch.bucketize(values, limits.to(values.device), right=True, out_int32=True)
     first, count = float(exact[0]) - width, 2 + int((ends[-1] - ends[0] + width) / width)
-    # by rounding a value may be in the cell beside its own
-    starts = first + width * (torch.arange(count, dtype=exact.dtype, device="cpu") - _BESIDE)
+    # rounding may put a value into the bin beside its own
+    starts = first + width * (torch.arange(count, dtype=exact.dtype, device="cpu") - _ROUNDING)
     before = torch.bucketize(starts, exact, right=True)
-    following = torch.cat([limits, limits.new_full((1,), math.inf)])[before]
-    passed, following = before.to(values), following.to(values.device)
-    cell = (values - first).mul_(1 / width).clamp_(0, count - 1).int()
-    more = following.index_select(0, cell).le_(values)
-    return passed.index_select(0, cell).add_(more).int()
+    next_end = torch.cat([limits, limits.new_full((1,), math.inf)])[before]
+    passed, next_end = before.to(values), next_end.to(values.device)
+    bin_number = (values - first).mul_(1 / width).clamp_(0, count - 1).int()
+    reached = next_end.index_select(0, bin_number).le_(values)
+    return passed.index_select(0, bin_number).add_(reached).int()
 
 
 class _Piece(NamedTuple):
-    """Radii up to an end in px, whose share in the rung after `rung` is a r² + b r + c."""
+    """Radii up to `end` px, whose share in the slice after `rung` is a r² + b r + c."""
 
     rung: int
     end: float
@@ -189,24 +189,24 @@ class _Piece(NamedTuple):
 
 
 def _pieces(radii: tuple[float, ...]) -> list[_Piece]:
-    """How shares follow from radii, in ascending order."""
-    found = []
+    """The pieces of the function from radii to shares, in ascending order."""
+    pieces = []
     for rung, (low, high) in enumerate(pairwise(radii)):
         square, width = high * high - low * low, high - low
         if low * high < 0:  # the ladder has no rung in focus
-            found.append(_Piece(rung, high, 0.0, 1 / width, -low / width))
+            pieces.append(_Piece(rung, high, 0.0, 1 / width, -low / width))
             continue
         a = 1 / square if square else 0.0
         whole = _Piece(rung, high, a, 0.0, -a * low * low)
         sharp = [] if min(abs(low), abs(high)) or max(-low, high) < 2 * SOFT else _sharp(whole)
-        found += [*sharp, whole] if high > 0 else [whole, *sharp]
+        pieces += [*sharp, whole] if high > 0 else [whole, *sharp]
         if sharp and high == 0:
-            found[-3] = whole._replace(end=-SOFT)
-    return found
+            pieces[-3] = whole._replace(end=-SOFT)
+    return pieces
 
 
 def _sharp(whole: _Piece) -> list[_Piece]:
-    """What stands for a piece next to focus from 0 to SHARP, and from there to SOFT."""
+    """Two pieces that replace one next to focus: from 0 to SHARP, and from SHARP to SOFT."""
     k = whole.a * (SOFT / (SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
     if whole.end > 0:
         between = _Piece(whole.rung, SOFT, k, -2 * k * SHARP, k * SHARP**2)
@@ -216,5 +216,5 @@ def _sharp(whole: _Piece) -> list[_Piece]:
 
 
 def membership(places: Tensor, slices: Tensor) -> Tensor:
-    """Share of pixels at the given positions [H, W] in slices [K]: [K, H, W], a partition of 1."""
+    """Shares of pixels of places [H, W] in slices [K]: [K, H, W], which sum to 1 over all slices."""
     return (places - slices[:, None, None]).abs_().neg_().add_(1).clamp_(min=0)

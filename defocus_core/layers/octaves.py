@@ -1,8 +1,8 @@
 """Octaves of blur: which hidden surfaces occlude visible ones beyond them.
 
-What is visible counts first, for it is known. But light of a surface that is far more blurred
-spreads over what is hidden before it, and would be seen through it: a sign behind a fence would be
-tinted by the sky.
+Visible layers are composited first, for they are known. But light of a far more blurred surface
+spreads over hidden surfaces in front of it, and would shine through them: a sign behind a fence
+would be tinted by the sky. So such a hidden surface is composited before the more blurred one.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from typing import NamedTuple
 
 from defocus_core.layers.ladder import ALONE
 
-# How many times as blurred as the most blurred of an octave is what it comes before: surfaces that
-# are alike cover each other by chance, and for these the order stays.
+# A hidden octave comes before visible layers whose radius is this many times its greatest one.
+# Surfaces of like radii cover each other by chance; for them the order stays.
 _MORE = 1.263
-# Of what is too blurred to come before anything.
+# Octave of hidden slices too blurred to come before a visible layer.
 _REST = 64
 
 
 class Turns(NamedTuple):
-    """When it is the turn of what is hidden.
+    """Between which visible layers hidden octaves are composited.
 
     Attributes:
-        beyond: The number of the first visible layer beyond focus, which comes after what is in
-            focus; greater than all if there is none.
-        ahead: By octaves, nearest first, that of the first layer which comes after each; without
-            those that come before none.
+        beyond: Number of the first visible layer beyond focus; greater than all numbers if there
+            is none.
+        ahead: For each hidden octave, nearest first, the number of the first visible layer that
+            comes after it. Octaves that come before no visible layer are absent.
     """
 
     beyond: int
@@ -34,16 +34,13 @@ class Turns(NamedTuple):
 
 
 def octaves(radii: tuple[float, ...]) -> list[int]:
-    """For each slice 0 if |r| < 2 px, 1 up to 4 px, 2 up to 8 px; negative nearer than focus."""
-    found = []
-    for r in radii:
-        octave = math.floor(math.log2(max(abs(r), ALONE / 2) / ALONE)) + 1
-        found.append(octave if r > 0 else -octave)
-    return found
+    """For each slice its octave: 0 if |r| < 2 px, 1 up to 4 px, ...; negative nearer than focus."""
+    sizes = (math.floor(math.log2(max(abs(r), ALONE / 2) / ALONE)) + 1 for r in radii)
+    return [size if r > 0 else -size for size, r in zip(sizes, radii, strict=True)]
 
 
 def turns(radii: tuple[float, ...], numbers: list[int]) -> Turns:
-    """Those of slices whose radii in px and numbers of layers, ascending, are these."""
+    """The turns of hidden octaves, from the radii in px of slices and their numbers of layers."""
     least: dict[int, float] = {}
     for r, number in zip(radii, numbers, strict=True):
         if r >= ALONE:
@@ -58,5 +55,5 @@ def turns(radii: tuple[float, ...], numbers: list[int]) -> Turns:
 
 
 def kept_apart(radii: tuple[float, ...], ahead: dict[int, int]) -> list[int]:
-    """For each slice its octave; one on each side of focus for all that come before nothing."""
+    """For each slice its octave; octaves that come before no visible layer share one a side."""
     return [o if o == 0 or o in ahead else int(math.copysign(_REST, o)) for o in octaves(radii)]

@@ -10,26 +10,27 @@ from dataclasses import dataclass, replace
 class Quality:
     """Settings of the renderer that trade time for error; the algorithm is the same for all.
 
-    What radii and slopes are compared with is no round number: see `ties`.
+    Thresholds of radii and slopes are no round numbers, so that rounding does not decide a
+    comparison.
 
     Attributes:
         near_spacing: Distance in px between the radii of neighbouring slices near focus.
         far_spacing: The same as a share of the radius, where that is more.
         layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
             occlude each other.
-        unmixes: Whether pixels that hold parts of two surfaces are taken apart; cells that get
-            their detail back gain nothing by it.
-        further: Greatest blur of what is invented behind something invented, as a multiple of the
-            blur of that; 0 for nothing. What is sharper shows most.
+        unmixes: Whether a pixel that holds parts of two surfaces is taken apart; pictures that are
+            rendered at half size gain nothing by it.
+        further: Greatest blur of a second hidden surface, as a multiple of the blur of the first
+            one before it; 0 for no second surface. A sharper one shows more.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
-        hidden_halvings: How many times the resolution of what is invented is halved.
+        hidden_halvings: How many times the resolution of hidden content is halved.
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
-        full_resolution: Radius in px from which on slices are blurred at half resolution, at twice
-            that at a quarter, and so on.
-        half_size: Whether pictures are rendered at half of their size, and get the detail of what
-            is in focus afterwards.
-        parts: Parts of the aperture that are composited one by one for the centre image: 1, 4
-            or 16. With one, the dual-pixel pair composites its halves besides.
+        full_resolution: Radius in px from which on slices are blurred at half resolution; from
+            twice this radius at a quarter, and so on.
+        half_size: Whether a picture is rendered at half its size, and gets the detail of its parts
+            in focus afterwards.
+        parts: Number of parts of the aperture that are composited one by one for the centre image:
+            1, 4 or 16. With 1, the dual-pixel pair composites its halves in addition.
     """
 
     near_spacing: float
@@ -46,79 +47,68 @@ class Quality:
 
     @property
     def hidden_layers(self) -> int:
-        """How many surfaces may be invented behind a pixel."""
+        """Greatest number of hidden surfaces behind a pixel."""
         return 2 if self.further else 1
 
     def in_cells(self) -> Quality:
-        """The same settings in cells of two px."""
+        """The same settings for a picture at half size: lengths in cells of two px."""
         near, full = self.near_spacing / 2, self.full_resolution / 2
         return replace(self, near_spacing=near, full_resolution=full, half_size=False)
 
 
+_DRAFT = Quality(
+    near_spacing=1.5,
+    far_spacing=0.2,
+    layer_ratio=2.0,
+    unmixes=False,
+    further=1.013,
+    hidden_stride=2,
+    hidden_halvings=1,
+    least_slope=0.2013,
+    full_resolution=28.0,
+    half_size=True,
+    parts=1,
+)
+_STANDARD = replace(
+    _DRAFT,
+    near_spacing=0.75,
+    far_spacing=0.12,
+    layer_ratio=1.6,
+    unmixes=True,
+    least_slope=0.1013,
+    full_resolution=20.0,
+    half_size=False,
+)
+_HIGH = replace(
+    _STANDARD,
+    far_spacing=0.06,
+    layer_ratio=4 / 3,
+    further=math.inf,
+    hidden_stride=1,
+    hidden_halvings=0,
+    least_slope=0.0513,
+    full_resolution=40.0,
+    parts=4,
+)
+_REFERENCE = replace(
+    _HIGH, far_spacing=0.04, layer_ratio=1.2, least_slope=0.0213, full_resolution=60.0, parts=16
+)
 QUALITY: dict[str, Quality] = {
-    "draft": Quality(
-        near_spacing=1.5,
-        far_spacing=0.2,
-        layer_ratio=2.0,
-        unmixes=False,
-        further=1.013,
-        hidden_stride=2,
-        hidden_halvings=1,
-        least_slope=0.2013,
-        full_resolution=28.0,
-        half_size=True,
-        parts=1,
-    ),
-    "standard": Quality(
-        near_spacing=0.75,
-        far_spacing=0.12,
-        layer_ratio=1.6,
-        unmixes=True,
-        further=1.013,
-        hidden_stride=2,
-        hidden_halvings=1,
-        least_slope=0.1013,
-        full_resolution=20.0,
-        half_size=False,
-        parts=1,
-    ),
-    "high": Quality(
-        near_spacing=0.75,
-        far_spacing=0.06,
-        layer_ratio=4 / 3,
-        unmixes=True,
-        further=math.inf,
-        hidden_stride=1,
-        hidden_halvings=0,
-        least_slope=0.0513,
-        full_resolution=40.0,
-        half_size=False,
-        parts=4,
-    ),
-    "reference": Quality(
-        near_spacing=0.75,
-        far_spacing=0.04,
-        layer_ratio=1.2,
-        unmixes=True,
-        further=math.inf,
-        hidden_stride=1,
-        hidden_halvings=0,
-        least_slope=0.0213,
-        full_resolution=60.0,
-        half_size=False,
-        parts=16,
-    ),
+    "draft": _DRAFT,
+    "standard": _STANDARD,
+    "high": _HIGH,
+    "reference": _REFERENCE,
 }
 QUALITIES: tuple[str, ...] = tuple(QUALITY)
 
 
 def find(name: str) -> Quality:
-    """The settings of that name.
+    """The settings of a quality.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If no quality has that name.
     """
-    if name not in QUALITIES:  # which asks for no hash
+    if name not in QUALITIES:  # a name that has no hash is refused, too
         raise ValueError(
             f"quality must be one of {', '.join(QUALITIES)}, got {name!r}; standard suits most"
         )
