@@ -21,7 +21,7 @@ from defocus_cli.batch.plan import Plan, make_plan
 from defocus_cli.batch.superseded_files import Remains
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
-from defocus_cli.journal.journal import Journal, Record, journal_path, told_path
+from defocus_cli.journal.journal import Journal, Record, input_path, journal_path
 from defocus_cli.journal.lock import Check, LockLost, locked
 from defocus_cli.journal.run_file import Undertaking
 from defocus_cli.system import console
@@ -192,7 +192,7 @@ class _Batch:
 
 def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
     """What the journal says of a job."""
-    places = {role: told_path(path, out) for role, path in job.picture.files.items()}
+    places = {role: input_path(path, out) for role, path in job.picture.files.items()}
     inputs = {
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
     }

@@ -19,7 +19,7 @@ from defocus_cli.system.console import counted
 
 
 class Remains:
-    """What remains in OUT beside what a run writes."""
+    """Earlier files in OUT beside those that a run writes."""
 
     def __init__(self, out: Path) -> None:
         self.out = out
@@ -32,14 +32,15 @@ class Remains:
 
         Args:
             record: of the job, which is done.
-            earlier: records of what was made whose files it has replaced in part.
+            earlier: records of earlier pictures of which the job replaced some files.
         """
-        written = {told["path"] for told in record["outputs"].values()}
+        written = {stamp["path"] for stamp in record["outputs"].values()}
         for before in earlier:
             remain = {
-                name: self.out / told["path"]
-                for name, told in before["outputs"].items()
-                if told["path"] not in written and identity.unchanged(self.out / told["path"], told)
+                name: path
+                for name, stamp in before["outputs"].items()
+                if stamp["path"] not in written
+                and identity.unchanged(path := self.out / stamp["path"], stamp)
             }
             for name, path in remain.items():
                 if name.endswith(PREVIEW):
@@ -49,7 +50,7 @@ class Remains:
                     self.first = self.first or path
 
     def lines(self) -> Iterator[str]:
-        """The same in words."""
+        """Lines that tell how many files were removed, and how many are of other settings."""
         if self.removed:
             yield f"removed {counted(self.removed, 'preview')} of pictures that were replaced"
         if self.others:

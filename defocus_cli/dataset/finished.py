@@ -2,7 +2,7 @@
 
 ::
 
-    from defocus_cli.finished import samples
+    from defocus_cli.dataset.finished import samples
 
     for sample in samples("out"):
         sample.files["render"], sample.files["coc"], sample.lens.fnum
@@ -28,10 +28,10 @@ class Sample:
     """One picture as one lens took it.
 
     Attributes:
-        sample_id: its name, the stem of its files.
+        sample_id: name of the sample, the stem of its files.
         files: the file of each kind.
-        inputs: the files that it was made of, by role: color, depth, hidden_color, hidden_depth.
-        lens: the lens, its focus distance known.
+        inputs: the input file of each role: color, depth, hidden_color, hidden_depth.
+        lens: the lens, with the focus distance in mm.
         size: width and height in px.
         coc_px: smallest and largest signed radius of the blur.
         quality: of the rendering.
@@ -83,14 +83,14 @@ def _sample(root: Path, line: str, where: str) -> Sample:
         raise InputError(where, problem, "let the batch write it again") from None
 
 
-def _lens(told: Mapping[str, Any]) -> Lens:
+def _lens(entry: Mapping[str, Any]) -> Lens:
     return Lens(
-        foclen=told["focal_length_mm"],
-        fnum=told["fnumber"],
-        foc_dist=math.inf if told["focus_mm"] is None else told["focus_mm"],
-        focus_at=tuple(told["focus_at_px"]) if told["focus_at_px"] else None,
-        sensor_width=told["sensor_width_mm"],
-        blades=told["blades"],
-        blade_rotation=told["blade_rotation_deg"],
-        focus_percentile=told["focus_percentile"],
+        foclen=entry["focal_length_mm"],
+        fnum=entry["fnumber"],
+        foc_dist=math.inf if entry["focus_mm"] is None else entry["focus_mm"],
+        focus_at=tuple(entry["focus_at_px"]) if entry["focus_at_px"] else None,
+        sensor_width=entry["sensor_width_mm"],
+        blades=entry["blades"],
+        blade_rotation=entry["blade_rotation_deg"],
+        focus_percentile=entry["focus_percentile"],
     )

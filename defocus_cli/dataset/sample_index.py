@@ -19,8 +19,8 @@ from defocus_cli.system.safe_files import written_whole
 NAME = "metadata.jsonl"
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
-_TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # how a picture was
-_DECODED = (".png", ".jpg", ".tif")  # by those who know pictures and not EXR
+_TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # keys that say how it was taken
+_DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR decode
 
 
 def write(out: Path, records: Iterable[Record]) -> Path:
@@ -50,8 +50,8 @@ def entries(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
     """What the index says of each sample, sorted by sample_id.
 
     Args:
-        records: oldest first. Several of one sample are one if they differ in what they wrote
-            alone; else the last holds, as what was made before was taken by another lens.
+        records: oldest first. Records of one sample are joined if they differ in their outputs
+            alone; else the last holds, as the earlier outputs were taken by another lens.
     """
     done: dict[str, Record] = {}
     for record in records:
@@ -80,7 +80,7 @@ def _is_sample(record: Record) -> bool:
 
 
 def _joined(before: Record, record: Record) -> Record:
-    """A record, and what an earlier one wrote of the same sample if it was taken alike."""
+    """A record with the outputs of an earlier record of the sample, if both were taken alike."""
     if not taken_alike(before, record):
         return record
     outputs = {**before["outputs"], **record["outputs"]}
@@ -89,13 +89,13 @@ def _joined(before: Record, record: Record) -> Record:
 
 
 def taken_alike(before: Record, record: Record) -> bool:
-    """Whether two pictures that are done are of the same inputs, by the same lens and renderer."""
+    """Whether two finished pictures have the same inputs, lens and renderer."""
     alike = all(before[key] == record[key] for key in _TAKEN)
     return alike and _hashes(before) == _hashes(record)
 
 
 def _hashes(record: Record) -> dict[str, Any]:
-    return {role: given.get("blake2b") for role, given in record["inputs"].items()}
+    return {role: stamp.get("blake2b") for role, stamp in record["inputs"].items()}
 
 
 def line(entry: Mapping[str, Any]) -> bytes:
@@ -116,7 +116,7 @@ def _entry(record: Record) -> dict[str, Any]:
         "width": width,
         "height": height,
         "outputs": paths,
-        "inputs": {role: given["path"] for role, given in record["inputs"].items()},
+        "inputs": {role: stamp["path"] for role, stamp in record["inputs"].items()},
         "lens": _lens(record["lens"]),
         "coc_min_px": float(near),
         "coc_max_px": float(far),

@@ -3,7 +3,7 @@
 Each sample is ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the
 index. The key is the sample_id with _ for each dot, as readers of such tars cut at the first one.
 The same samples make the same bytes. ``shards.json`` beside them lists the shards, and the size
-they were packed in; those that are as listed are not packed again.
+they were packed for; a shard that is as listed is not packed again.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
         one = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
         packed.append(one)
     with written_whole(folder / LIST) as file:
-        told = {"limit": limit, "shards": packed}
-        file.write(json.dumps(told, indent=1).encode() + b"\n")
+        listing = {"limit": limit, "shards": packed}
+        file.write(json.dumps(listing, indent=1).encode() + b"\n")
     kept = [folder / str(one["file"]) for one in packed]
     for path in set(folder.iterdir()) - set(kept):
         if _NAME.fullmatch(path.name):
@@ -104,7 +104,7 @@ def there(out: Path) -> bool:
 
 
 def packed_in(out: Path) -> int | None:
-    """Bytes that the shards of OUT were packed in; None if they do not tell."""
+    """Greatest size in bytes that the shards of OUT were packed for; None if it is not listed."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         return int(_list(out)["limit"])
     return None
@@ -129,8 +129,8 @@ def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
     for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
         files = [(kind, out / path) for kind, path in entry["outputs"].items()]
         members = [Member(f"{key}.{kind}{path.suffix}", _size(path), path) for kind, path in files]
-        told = sample_index.line(entry)
-        yield tuple(sorted([*members, Member(f"{key}.json", len(told), told)], key=_name))
+        line = sample_index.line(entry)
+        yield tuple(sorted([*members, Member(f"{key}.json", len(line), line)], key=_name))
 
 
 def _keys(names: Sequence[str]) -> list[str]:
@@ -186,7 +186,7 @@ def _opened(source: Path | bytes) -> BinaryIO:
 
 
 def _digest(samples: Iterable[Sample]) -> str:
-    """What tells shards apart: names and sizes, and the JSON, which has the hashes of the files."""
+    """The hash of a shard: names and sizes, and the JSON, which has the hashes of the files."""
     digest = blake2b(digest_size=16)
     for member in (member for sample in samples for member in sample):
         digest.update(f"{member.name}\0{member.size}\0".encode("utf-8", "surrogateescape"))

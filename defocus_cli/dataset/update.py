@@ -24,7 +24,7 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
 
     Args:
         out: what was written to.
-        shards_size: bytes that a tar is at most; None for no tars but those that are there.
+        shards_size: greatest size of a tar in bytes; None to pack only where shards exist.
         asked: names of the samples to list, as far as they are done; None for all in OUT.
 
     Returns:
@@ -60,7 +60,7 @@ def refresh(out: Path, done: Collection[str]) -> None:
 
 
 def _followed(out: Path, records: list[Record]) -> list[Path]:
-    """Pack the shards that are there again, if samples changed, so that they are those indexed."""
+    """Pack existing shards again if samples changed, so that they hold what the index lists."""
     if not tar_shards.there(out):
         return []
     folder, size = out / tar_shards.FOLDER, tar_shards.packed_in(out)
@@ -77,6 +77,6 @@ def _followed(out: Path, records: list[Record]) -> list[Path]:
 
 def _tell_of_others(out: Path, others: Collection[str]) -> None:
     if others:
-        told = f"lists none of {counted(len(others), 'sample')} that were not asked for now"
+        problem = f"lists none of {counted(len(others), 'sample')} that were not asked for now"
         remedy = f"'defocus merge {out}' lists all"
-        console.say(f"{out / sample_index.NAME}: {told}, like {min(others)}; {remedy}")
+        console.say(f"{out / sample_index.NAME}: {problem}, like {min(others)}; {remedy}")

@@ -30,7 +30,7 @@ from defocus_cli.journal.plain_values import plain
 from defocus_cli.system.console import version
 
 DIGEST = 16  # bytes of a hash
-CLOCK_TICK = 50_000_000  # ns, more than file systems count in
+CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
 Stamp = Mapping[str, Any]
 _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
 
@@ -96,8 +96,8 @@ def stamp(path: Path) -> dict[str, Any]:
         hashed = blake2b(digest_size=DIGEST)
         while block := file.read(2**20):
             hashed.update(block)
-        seen = os.fstat(file.fileno())
-    return {"size": seen.st_size, "mtime_ns": seen.st_mtime_ns, "blake2b": hashed.hexdigest()}
+        status = os.fstat(file.fileno())
+    return {"size": status.st_size, "mtime_ns": status.st_mtime_ns, "blake2b": hashed.hexdigest()}
 
 
 def settled_stamp(path: Path) -> dict[str, Any]:
@@ -106,25 +106,25 @@ def settled_stamp(path: Path) -> dict[str, Any]:
     Raises:
         OSError: the file cannot be read.
     """
-    seen = stamp(path)
-    if abs(time.time_ns() - seen["mtime_ns"]) < CLOCK_TICK:
-        del seen["mtime_ns"]
-    return seen
+    settled = stamp(path)
+    if abs(time.time_ns() - settled["mtime_ns"]) < CLOCK_TICK:
+        del settled["mtime_ns"]
+    return settled
 
 
 def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
-    """Whether a file is what was recorded of it.
+    """Whether a file is as it was recorded.
 
     Args:
         path: the file.
-        recorded: what `stamp` said of it.
-        read: compare the bytes, even if nothing else speaks for a change.
+        recorded: its stamp when it was recorded.
+        read: compare the bytes even if size and time are those recorded.
     """
     try:
-        seen = path.stat()
-        if seen.st_size != recorded.get("size"):
+        status = path.stat()
+        if status.st_size != recorded.get("size"):
             return False
-        if seen.st_mtime_ns == recorded.get("mtime_ns") and not read:
+        if status.st_mtime_ns == recorded.get("mtime_ns") and not read:
             return True
         return "blake2b" in recorded and stamp(path)["blake2b"] == recorded["blake2b"]
     except OSError:

@@ -56,8 +56,8 @@ def journal_path(out: Path, shard: Shard | None = None) -> Path:
 
 def shards(out: Path) -> list[Shard]:
     """The shards that have begun in OUT."""
-    found = (_SHARD.fullmatch(path.name) for path in out.glob("*journal-*of*.*"))
-    return sorted({Shard(int(name[1]), int(name[2])) for name in found if name})
+    names = (_SHARD.fullmatch(path.name) for path in out.glob("*journal-*of*.*"))
+    return sorted({Shard(int(name[1]), int(name[2])) for name in names if name})
 
 
 def require_journal(out: Path) -> None:
@@ -182,15 +182,15 @@ def _is_whole(line: bytes) -> bool:
     return False
 
 
-def told_path(path: Path, out: Path) -> str:
+def input_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
     if path.is_absolute():
         return str(path)
-    return (_told_folder(path.parent, out, Path.cwd()) / path.name).as_posix()
+    return (_input_folder(path.parent, out, Path.cwd()) / path.name).as_posix()
 
 
 @lru_cache(maxsize=1024)
-def _told_folder(folder: Path, out: Path, here: Path) -> Path:
+def _input_folder(folder: Path, out: Path, here: Path) -> Path:
     """A folder, relative to OUT, as both are seen from ``here``."""
     # What is above a linked folder is what is above that which the link leads to.
     ups = max((place for place, part in enumerate(folder.parts, 1) if part == ".."), default=0)

@@ -9,7 +9,7 @@ from pathlib import Path
 from defocus_cli.formats.kinds import KINDS, PREVIEW
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
-from defocus_cli.journal.journal import Record, told_path, without_collections
+from defocus_cli.journal.journal import Record, input_path, without_collections
 from defocus_cli.system.errors import InputError
 
 
@@ -44,7 +44,7 @@ class Ledger:
         return any(name in self._last for name in job.names.values())
 
     def replaced(self, job: Job) -> list[Record]:
-        """The records of what was made of which a job replaces some files and not all."""
+        """The records of finished jobs of which a job replaces some files, but not all."""
         if not self.knows(job):
             return []
         every = replace(job.outputs, kinds=tuple(KINDS), preview=True).names(job.sample_id)
@@ -80,9 +80,9 @@ class Ledger:
         for role, path in job.picture.files.items():
             stamp = record["inputs"].get(role, {})
             if not path.exists() and record["status"] == "ok":
-                continue  # what is gone cannot make anything else of the outputs
+                continue  # an input that is gone cannot change the outputs
             # Size and time say nothing of a file that was elsewhere: archives give all one time.
-            elsewhere = stamp.get("path") != (place := told_path(path, self.out))
+            elsewhere = stamp.get("path") != (place := input_path(path, self.out))
             if not identity.unchanged(path, stamp, read=read_inputs or elsewhere):
                 return None
             if elsewhere:
@@ -96,7 +96,7 @@ class Ledger:
         return any(self._last.get(path) is record for path in _files(record))
 
     def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
-        """Refuse to replace what was made of another picture that has the same name.
+        """Refuse to replace outputs of another picture that has the same name.
 
         Raises:
             InputError: a job would.
@@ -115,7 +115,7 @@ class Ledger:
     def _own(self, record: Record) -> Record | None:
         """A record without the outputs that another has replaced; None if it is superseded."""
         outputs = record["outputs"]
-        own = {n: told for n, told in outputs.items() if self._last[told["path"]] is record}
+        own = {n: stamp for n, stamp in outputs.items() if self._last[stamp["path"]] is record}
         if len(own) == len(outputs):
             return record
         if record["status"] != "ok" or all(name.endswith(PREVIEW) for name in own):

@@ -38,10 +38,10 @@ def typed(kind: type[T], value: Any) -> T:
         ValueError: it is of no such kind, or of a version that knew other fields.
     """
     try:
-        made: T = _typed(kind, value)
+        result: T = _typed(kind, value)
     except (TypeError, KeyError, AttributeError, IndexError) as error:
         raise ValueError(f"is no {kind.__name__}: {error}") from None
-    return made
+    return result
 
 
 def _typed(kind: Any, value: Any) -> Any:

@@ -25,9 +25,9 @@ class Progress:
         left: jobs that runs set out to do and did not do yet.
         again: how many of these count among ``statuses``, too: inputs or settings changed, or
             they failed.
-        running: who is at it.
-        rate: jobs a second, of the runs that are at it or were stopped; None if there are none.
-        seconds: of rendering, the mean of those done.
+        running: the processes that hold a lock, in words.
+        rate: jobs a second, of the runs that go on or were stopped; None if there are none.
+        seconds: mean rendering time of a finished job.
         shards: numbers of the parts that have begun, and of how many; None if not in parts.
         failures: the records that failed or were rejected, oldest first.
     """
@@ -49,14 +49,14 @@ class Progress:
 
     @property
     def eta_seconds(self) -> float | None:
-        """How long the rest will take those who are at it; None if nobody knows."""
+        """Seconds until all is done at the present rate; None if nothing runs."""
         if not (self.running and self.rate):
             return None
         return self.left / self.rate
 
 
 def progress(out: Path) -> Progress:
-    """Read the journals of OUT; nobody has to wait for it.
+    """Read the journals of OUT, without a lock.
 
     Raises:
         InputError: there is no journal, or it is broken.
@@ -68,46 +68,46 @@ def progress(out: Path) -> Progress:
     records = {run: read(journal_path(out, run)) for run in runs}
     every = in_order(list(records.values()))
     live = Ledger(out, every).live
-    found = Progress(
+    state = Progress(
         statuses=Counter(record["status"] for record in live),
         reasons=Counter(record["reason"] for record in live if record["reason"]),
         failures=[record for record in live if record["status"] != "ok"],
     )
     rendered = [record["seconds"]["render"] for record in live if record["status"] == "ok"]
     if rendered:
-        found.seconds = sum(rendered) / len(rendered)
+        state.seconds = sum(rendered) / len(rendered)
     if parts:
         division = max(part.of for part in parts)
-        found.shards = sorted(part.number for part in parts if part.of == division), division
+        state.shards = sorted(part.number for part in parts if part.of == division), division
     for run in runs:
-        _add_run(found, out, run, records[run], every)
-    return found
+        _add_run(state, out, run, records[run], every)
+    return state
 
 
 def _add_run(
-    found: Progress,
+    state: Progress,
     out: Path,
     run: Shard | None,
     records: Sequence[Record],
     every: Sequence[Record],
 ) -> None:
-    """What a run that did not get to its end did and has left."""
+    """Add the jobs left, the rate and the process of a run that did not get to its end."""
     who, plan = holder(out, run), plan_of(out, run)
     if who:
-        found.running.append(who)
+        state.running.append(who)
     if plan is None:
         return
     own = [record for record in records if record["finished"] >= plan["begun"]]
     left = max(plan["left"] - len(own), 0)
-    found.left += left
+    state.left += left
     if left and plan.get("again"):
         before = {name for one in every if one["finished"] < plan["begun"] for name in _files(one)}
         replaced = sum(not before.isdisjoint(_files(record)) for record in own)
-        found.again += min(max(plan["again"] - replaced, 0), left)
+        state.again += min(max(plan["again"] - replaced, 0), left)
     if own:
         until = datetime.now(UTC) if who else datetime.fromisoformat(own[-1]["finished"])
         since = (until - datetime.fromisoformat(plan["begun"])).total_seconds()
-        found.rate = (found.rate or 0.0) + len(own) / max(since, 1e-3)
+        state.rate = (state.rate or 0.0) + len(own) / max(since, 1e-3)
 
 
 def _files(record: Record) -> list[str]:

@@ -64,8 +64,8 @@ def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") 
     return Picture(stem, color, depth, hidden)
 
 
-def _place(told: str, out: Path) -> Path:
+def _place(recorded: str, out: Path) -> Path:
     """A path of the journal, from here."""
-    if Path(told).is_absolute():
-        return Path(told)
-    return Path(os.path.relpath(out.resolve() / told))
+    if Path(recorded).is_absolute():
+        return Path(recorded)
+    return Path(os.path.relpath(out.resolve() / recorded))

@@ -33,7 +33,7 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def plan_of(out: Path, shard: Shard | None) -> dict[str, Any] | None:
-    """What the run on OUT, or on a shard, set out to do; None if it got to its end."""
+    """The plan of the run on OUT, or on a shard; None if it got to its end."""
     return next(iter(_lines(run_path(out, shard))), None)
 
 
@@ -88,7 +88,7 @@ class Undertaking:
         self.before.difference_update(files)
 
     def end(self, *, done: bool, settled: bool = False) -> None:
-        """Forget what there is no need to remember.
+        """Remove the file, or write it anew without what the journal has by now.
 
         Args:
             done: nothing is left to do.

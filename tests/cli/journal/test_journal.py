@@ -14,11 +14,11 @@ import pytest
 from defocus_cli.journal.journal import (
     Journal,
     Shard,
+    input_path,
     journal_path,
     merged,
     read,
     read_all,
-    told_path,
 )
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.system.errors import InputError
@@ -174,10 +174,10 @@ def test_paths_of_inputs_lead_to_them_through_linked_folders(
         Path(folder).mkdir(parents=True)
     Path("jobs").symlink_to("deep/jobs")
     Path("linked").symlink_to("disk")
-    assert told_path(Path("jobs/../rgb/a.exr"), Path("out")) == "../deep/rgb/a.exr"
-    assert told_path(Path("rgb/../rgb/a.exr"), Path("out")) == "../rgb/a.exr"
-    assert told_path(Path("linked/a.exr"), Path("out")) == "../linked/a.exr", "as given"
-    assert told_path(Path("a.exr"), Path("jobs")) == "../../a.exr"
+    assert input_path(Path("jobs/../rgb/a.exr"), Path("out")) == "../deep/rgb/a.exr"
+    assert input_path(Path("rgb/../rgb/a.exr"), Path("out")) == "../rgb/a.exr"
+    assert input_path(Path("linked/a.exr"), Path("out")) == "../linked/a.exr", "as given"
+    assert input_path(Path("a.exr"), Path("jobs")) == "../../a.exr"
 
 
 def test_merging_keeps_each_record_once(tmp_path: Path) -> None:
