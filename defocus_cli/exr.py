@@ -154,7 +154,9 @@ def _decoded(
     if len(named) != len(types):
         raise _damaged(path, "two lists of channels")
     # Neighbours of one type have the same distance from their place among the wanted channels.
-    placed = [(types[name], index - place, index, name) for place, (index, name) in enumerate(named)]
+    placed = [
+        (types[name], index - place, index, name) for place, (index, name) in enumerate(named)
+    ]
     for (kind, _), group in groupby(placed, key=lambda channel: channel[:2]):
         names = {index: name for _, _, index, name in group}
         rows, channels = (window.y0, window.y1 + 1), (min(names), max(names) + 1)
