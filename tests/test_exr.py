@@ -269,6 +269,24 @@ def test_a_file_with_subsampling_is_read_whole_and_refused_in_pieces(tmp_path: P
         read_parts(path, keeping=Keeping(scratch=True))
 
 
+def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path: Path) -> None:
+    """It refuses pictures larger than memory, which are read in pieces, and 1025 channels."""
+    names = [f"c{index}" for index in range(1030)]
+    planes = {name: np.full((20, 30), index, np.float16) for index, name in enumerate(names)}
+    OpenEXR.File(dict(SCANLINE), dict(planes)).write(str(tmp_path / "a.exr"))
+    limits = {"limits:imagesize_MB": 1, "limits:channels": 1024}
+    before = {name: oiio.get_int_attribute(name) for name in limits}
+    try:
+        for name, limit in limits.items():
+            oiio.attribute(name, limit)
+        (part,) = read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
+        assert {name: oiio.get_int_attribute(name) for name in limits} == limits
+    finally:
+        for name, limit in before.items():
+            oiio.attribute(name, limit)
+    assert all((part.channels[name][:] == plane).all() for name, plane in planes.items())
+
+
 def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path: Path) -> None:
     """The reason why headers are read by hand; test_carried.py shows that text goes through."""
     path = tmp_path / "a.exr"
