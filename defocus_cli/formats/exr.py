@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import struct
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,7 @@ _NO_PIECES = (
 )
 _STRIP_BYTES = 1 << 25  # of pixels, decoded or encoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
+_LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
 _ZIP_ROWS = 16
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
@@ -85,7 +87,7 @@ def read_parts(
         raise InputError(path, *_NO_PIECES)
     decode = _whole if subsampled else _pieces
     try:
-        with quiet():
+        with quiet(), _unlimited():
             return tuple(_part(path, header, keeping, wanted, decode) for header in headers)
     except InputError:
         raise
@@ -143,6 +145,21 @@ def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keepi
     finally:
         file.close()
         oiio.geterror()  # or the next file would be blamed
+
+
+@contextmanager
+def _unlimited() -> Iterator[None]:
+    """Lift OpenImageIO's own limits: `read_headers` has checked the size of the pictures."""
+    import OpenImageIO as oiio  # noqa: N813
+
+    limits = {name: oiio.get_int_attribute(name) for name in _LIMITS}
+    try:
+        for name in limits:
+            oiio.attribute(name, 0)
+        yield
+    finally:
+        for name, limit in limits.items():
+            oiio.attribute(name, limit)
 
 
 def _decoded(

@@ -162,13 +162,44 @@ def tiles(width: int, height: int) -> dict[str, Any]:
     return {"type": OpenEXR.tiledimage, "tiles": described, "compression": OpenEXR.ZIP_COMPRESSION}
 
 
+def whole_by_openexr(path: Path) -> list[dict[str, Any]]:
+    """Every channel of every part as OpenEXR decodes it at once, put into the display window."""
+    parts = []
+    for part in OpenEXR.File(str(path), separate_channels=True).parts:
+        (x0, y0), _ = part.header["dataWindow"]
+        first, last = part.header["displayWindow"]
+        planes = {}
+        for name, channel in part.channels.items():
+            held = np.zeros((2000, 2000), channel.pixels.dtype)  # its (0, 0) is at (-1000, -1000)
+            height, width = channel.pixels.shape
+            held[y0 + 1000 : y0 + 1000 + height, x0 + 1000 : x0 + 1000 + width] = channel.pixels
+            planes[name] = held[first[1] + 1000 : last[1] + 1001, first[0] + 1000 : last[0] + 1001]
+        parts.append(planes)
+    return parts
+
+
 def same_in_pieces(path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int = 3000) -> None:
-    whole = read_parts(path)
-    monkeypatch.setattr(exr, "_STRIP_BYTES", piece_bytes)
-    for part, again in zip(whole, read_parts(path, keeping=Keeping(scratch=True)), strict=True):
-        assert again.channels.keys() == part.channels.keys()
-        for name, plane in part.channels.items():
-            np.testing.assert_array_equal(again.channels[name][:], plane)
+    for pieces in (piece_bytes, 1 << 25):
+        monkeypatch.setattr(exr, "_STRIP_BYTES", pieces)
+        for scratch in (False, True):
+            parts = read_parts(path, keeping=Keeping(scratch=scratch))
+            for part, planes in zip(parts, whole_by_openexr(path), strict=True):
+                assert part.channels.keys() == planes.keys()
+                for name, plane in planes.items():
+                    pixels = part.channels[name][:]
+                    assert pixels.dtype == plane.dtype
+                    np.testing.assert_array_equal(pixels, plane)
+
+
+def mixed_planes(shape: tuple[int, int]) -> dict[str, Any]:
+    """Types in an order that no two neighbours share, whole numbers beyond what float holds."""
+    rng = np.random.default_rng(7)
+    return {
+        **random_planes("RGBA", shape),
+        "S": rng.integers(0, 2**32, shape, dtype=np.uint32),
+        "T": rng.random(shape, np.float32),
+        "U": rng.random(shape, np.float32).astype(np.float16),
+    }
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
@@ -176,7 +207,7 @@ def test_scan_lines_of_all_compressions_are_the_same_in_pieces(
     compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     header = {"type": OpenEXR.scanlineimage, "compression": getattr(OpenEXR, compression)}
-    OpenEXR.File(header, random_planes("RGBZ", (600, 20))).write(str(tmp_path / "a.exr"))
+    OpenEXR.File(header, mixed_planes((600, 20))).write(str(tmp_path / "a.exr"))
     same_in_pieces(tmp_path / "a.exr", monkeypatch)
 
 
@@ -185,7 +216,7 @@ def test_tiles_of_all_compressions_are_the_same_in_pieces(
     compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     header = {**tiles(16, 24), "compression": getattr(OpenEXR, compression)}
-    OpenEXR.File(header, random_planes("RGBZ", (70, 50))).write(str(tmp_path / "a.exr"))
+    OpenEXR.File(header, mixed_planes((70, 50))).write(str(tmp_path / "a.exr"))
     same_in_pieces(tmp_path / "a.exr", monkeypatch)
 
 
@@ -222,6 +253,62 @@ def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
     monkeypatch.setattr(exr, "_LARGEST_TILE", 64 * 64 * 6 - 1)
     with pytest.raises(InputError, match="piece by piece; allow more --memory"):
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
+
+
+def test_a_file_with_subsampling_is_read_whole_and_refused_in_pieces(tmp_path: Path) -> None:
+    path, plane = tmp_path / "a.exr", random_planes("R", (24, 32))["R"]
+    OpenEXR.File(dict(SCANLINE), {"R": plane, "mask": OpenEXR.Channel(plane, 2, 2)}).write(
+        str(path)
+    )
+    assert not oiio.ImageInput.open(str(path)), "OpenImageIO reads it: OpenEXR is not needed"
+    oiio.geterror()
+    (part,) = read_parts(path)
+    assert part.channels.keys() == {"R"}
+    np.testing.assert_array_equal(part.channels["R"], plane)
+    with pytest.raises(InputError, match="without subsampling"):
+        read_parts(path, keeping=Keeping(scratch=True))
+
+
+def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path: Path) -> None:
+    """It refuses pictures larger than memory, which are read in pieces, and 1025 channels."""
+    names = [f"c{index}" for index in range(1030)]
+    planes = {name: np.full((20, 30), index, np.float16) for index, name in enumerate(names)}
+    OpenEXR.File(dict(SCANLINE), dict(planes)).write(str(tmp_path / "a.exr"))
+    limits = {"limits:imagesize_MB": 1, "limits:channels": 1024}
+    before = {name: oiio.get_int_attribute(name) for name in limits}
+    try:
+        for name, limit in limits.items():
+            oiio.attribute(name, limit)
+        (part,) = read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
+        assert {name: oiio.get_int_attribute(name) for name in limits} == limits
+    finally:
+        for name, limit in before.items():
+            oiio.attribute(name, limit)
+    assert all((part.channels[name][:] == plane).all() for name, plane in planes.items())
+
+
+def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path: Path) -> None:
+    """The reason why headers are read by hand; test_carried.py shows that text goes through."""
+    path = tmp_path / "a.exr"
+    OpenEXR.File({**SCANLINE, "owner": "J?rgen"}, random_planes("Y")).write(str(path))
+    path.write_bytes(path.read_bytes().replace(b"J?rgen", b"J\xfcrgen"))
+    with pytest.raises(UnicodeDecodeError):
+        OpenEXR.File(str(path), header_only=True)
+    assert read_parts(path)[0].header.attributes["owner"].value == b"J\xfcrgen"
+
+
+@pytest.mark.parametrize("rows", [32, 64, 10_000])
+def test_strips_make_the_file_that_openexr_writes_at_once(
+    rows: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planes, corner = mixed_planes((150, 20)), (-3, 5)
+    row_bytes = 20 * sum(plane.dtype.itemsize for plane in planes.values())
+    monkeypatch.setattr(exr, "_STRIP_BYTES", rows * row_bytes)
+    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, corner)
+    window = box(-3, 5, 16, 154)
+    told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
+    OpenEXR.File(told, planes).write(str(tmp_path / "b.exr"))
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
 
 
 def test_pixels_that_are_not_square_are_refused(tmp_path: Path) -> None:
