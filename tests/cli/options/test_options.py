@@ -12,6 +12,7 @@ from command_line import pair, refused, render, run
 import defocus_core
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
+from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.jobs import job
 from defocus_cli.jobs.lens_options import PARSERS
 from defocus_cli.options import shared
@@ -48,7 +49,7 @@ def test_help_shows_options_under_their_headings() -> None:
         ("--format", "gif", "'exr', 'png', 'png16', 'tiff', 'jpg'"),
         ("--exr-type", "double", "'half', 'float'"),
         ("--device", "tpu", "'auto', 'cpu', 'cuda'"),
-        ("--depth-unit", "km", "'mm', 'cm', 'm', 'ft'"),
+        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in CONVENTIONS)),
         ("--outputs", "render,bokeh", "choose from render, left, right, coc, disparity"),
         ("--outputs", "", "choose from render"),
         ("--threads", "0", "x>=1"),
