@@ -1,10 +1,6 @@
 """Depth maps decoded to planar metres, with sky at infinity; holes are refused.
 
-Nothing is read off the range of the values. Floats (EXR, PFM, NPY, float TIFF) are metres and
-16-bit integers of PNG and TIFF millimetres unless a unit is given; those of EXR and NPY have no
-custom, so they need one. +inf and 1e10 and beyond, in the file's unit,
-are sky; so is 65504 in a half channel, the largest number that half can hold. NaN, 0 and negative
-are no depth.
+What the numbers of a file mean is a row of `defocus_cli.formats.depth_conventions`.
 """
 
 from __future__ import annotations
@@ -12,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.formats.depth_conventions import CONVENTIONS, HALF_SKY, custom
 from defocus_cli.formats.exr import read_parts
 from defocus_cli.formats.exr_channels import NoDepthChannel, choose_depth
 from defocus_cli.formats.exr_header import is_exr, read_headers
@@ -29,13 +26,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from defocus_cli.formats.depth_conventions import DepthConvention
     from defocus_cli.formats.exr import Part
     from defocus_cli.formats.exr_header import Header
 
-METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}
-WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
-SKY = 1e10
-HALF_SKY = 65504.0
 FORMATS = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 
@@ -80,26 +74,31 @@ def read_depth(
         path: an EXR, PFM, NPY, 16-bit PNG or TIFF, or float TIFF file.
         channel: which channel of an EXR file; PART/CHANNEL works too.
         part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
-        unit: mm, cm, m or ft; None for metres, or millimetres in 16-bit PNG and TIFF.
+        unit: name of the convention; None for the custom of the file type.
         keeping: where the numbers are to be kept.
 
     Raises:
         InputError: the file cannot be read, or what its depth is cannot be told.
         UsageProblem: an unknown unit, or a channel for a file that has no named ones.
     """
-    if unit is not None and unit not in METRES:
-        raise UsageProblem("--depth-unit", f"{unit} is not known", f"use {', '.join(METRES)}")
+    if unit is not None and unit not in CONVENTIONS:
+        raise UsageProblem("--depth-unit", f"{unit} is not known", f"use {', '.join(CONVENTIONS)}")
+    named = None if unit is None else CONVENTIONS[unit]
     head = read_head(path)
     if is_exr(head):
-        return _from_exr(path, channel, part, unit, keeping)
+        return _from_exr(path, channel, part, named, keeping)
     if path.suffix.lower() == ".exr":
         raise InputError(path, "is not an OpenEXR file", "check what wrote it")
     if channel is not None:
         raise UsageProblem("--depth-channel", f"{path} has no named channels", "leave it out")
     if is_float_map(head):
-        read = read_float_map(path, integers=unit is not None)
-        return _depth(path, "", read.values, unit or "m", read.format, keeping)
-    return _from_raster(path, part, unit, keeping)
+        convention = named or custom("NPY", integers=True)
+        read = read_float_map(path, integers=convention is not None)
+        if read.values.dtype.kind == "f":
+            convention = named or custom(read.format, integers=False)
+        assert convention is not None, f"{read.format} without a convention"
+        return _depth(path, "", read.values, convention, read.format, keeping)
+    return _from_raster(path, part, named, keeping)
 
 
 def require_valid(depth: Depth) -> None:
@@ -116,7 +115,11 @@ def require_valid(depth: Depth) -> None:
 
 
 def _from_exr(
-    path: Path, channel: str | None, part: int | None, unit: str | None, keeping: Keeping
+    path: Path,
+    channel: str | None,
+    part: int | None,
+    named: DepthConvention | None,
+    keeping: Keeping,
 ) -> Depth:
     headers = read_headers(path)
     try:
@@ -140,13 +143,14 @@ def _from_exr(
     if pixels is None:
         problem = f"has {chosen.name} at a lower resolution than its other channels"
         raise InputError(path, problem, "save the depth without subsampling")
-    if unit is None and pixels.dtype.kind in "iu":
+    convention = named or custom("EXR", integers=pixels.dtype.kind in "iu")
+    if convention is None:
         problem = f"has {chosen.name} in whole numbers, whose unit is unknown"
         raise InputError(path, problem, "say --depth-unit mm")
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
     told = ", ".join(filter(None, (f"EXR {kind} channel {chosen.name}{place}", header.cut_note)))
-    return _depth(path, chosen.name, pixels, unit or "m", told, keeping)
+    return _depth(path, chosen.name, pixels, convention, told, keeping)
 
 
 def _grey(part: Part) -> bool:
@@ -159,7 +163,9 @@ def _grey(part: Part) -> bool:
     return all(np.array_equal(planes[0], plane, equal_nan=True) for plane in planes[1:])
 
 
-def _from_raster(path: Path, part: int | None, unit: str | None, keeping: Keeping) -> Depth:
+def _from_raster(
+    path: Path, part: int | None, named: DepthConvention | None, keeping: Keeping
+) -> Depth:
     import numpy as np
 
     raster = choose_page(path, read_pages(path, wanted=FORMATS), part)
@@ -173,34 +179,40 @@ def _from_raster(path: Path, part: int | None, unit: str | None, keeping: Keepin
         raise InputError(path, problem, "save the depth as a single grey channel")
     integer = raster.type == "uint16"
     kind = f"{'16-bit' if integer else raster.type} {path.suffix[1:].upper()}"
-    unit = unit or ("mm" if integer else "m")
+    convention = named or custom("raster", integers=integer)
+    assert convention is not None, "PNG and TIFF without a convention"
     size = raster.height, raster.width
     dtypes = {"uint16": np.uint16, "half": np.float16}  # of half, 65504 is told apart
     values = keeping.new(size, dtypes.get(raster.type, np.float32))
     for window, samples in read_samples(path, raster.page):
         values[window] = samples[:, :, 0]
-    return _depth(path, "", values, unit, kind, keeping)
+    return _depth(path, "", values, convention, kind, keeping)
 
 
-def _depth(path: Path, channel: str, values: Any, unit: str, kind: str, keeping: Keeping) -> Depth:
-    """Values of a file, in ``unit``, as planar metres."""
+def _depth(
+    path: Path,
+    channel: str,
+    values: Any,
+    convention: DepthConvention,
+    kind: str,
+    keeping: Keeping,
+) -> Depth:
+    """Numbers of a file as planar metres."""
     import numpy as np
 
     own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
     # what is read is not needed any more: metres take its place
     metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
-    half_sky = False
+    half = values.dtype.newbyteorder("=") == np.float16
+    least_sky, half_sky = convention.least_sky(half=half), False
     for rows in bands(values.shape):
         given = values[rows]
         with np.errstate(over="ignore"):  # a double beyond float32 is sky
             found = given.astype(np.float32)
-        sky = found >= SKY
-        if given.dtype.newbyteorder("=") == np.float16:
-            largest = given == HALF_SKY
-            half_sky |= bool(largest.any())
-            sky |= largest
-        if unit != "m":
-            found = (given.astype(np.float64) * METRES[unit]).astype(np.float32)
+        sky = found >= least_sky
+        half_sky |= half and bool((given == HALF_SKY).any())
+        if convention.scale != 1:
+            found = (given.astype(np.float64) * convention.scale).astype(np.float32)
         metres[rows] = np.where(sky, np.float32(np.inf), found)
-    note = f"{kind}, {WORDS[unit]}{', 65504 taken as sky' * half_sky}"
+    note = f"{kind}, {convention.words}{', 65504 taken as sky' * half_sky}"
     return Depth(metres, path, channel, note)

@@ -17,7 +17,6 @@ from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import Draw
 
 QUALITIES = ("draft", "standard", "high", "reference")
-DEPTH_UNITS = ("mm", "cm", "m", "ft")
 DEPTH_REPAIRS = ("auto", "off")
 DEVICES = ("auto", "cpu", "cuda")
 TILES = (16, 1 << 14)  # px; of defocus_core, too

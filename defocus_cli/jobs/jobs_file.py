@@ -22,11 +22,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
 from defocus_cli.jobs.job import (
     DEPTH_REPAIRS,
-    DEPTH_UNITS,
     QUALITIES,
     Job,
     Machine,
@@ -82,7 +82,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
 def _reading(found: Table) -> Reading:
     found.refuse_unknown(("depth-unit", "depth-channel", "color-layer", "part"))
     return Reading(
-        depth_unit=found.choice("depth-unit", DEPTH_UNITS),
+        depth_unit=found.choice("depth-unit", tuple(CONVENTIONS)),
         depth_channel=found.text("depth-channel"),
         color_layer=found.text("color-layer"),
         part=found.whole("part", 0),

@@ -12,10 +12,10 @@ from typing import Any
 
 import click
 
+from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import (
     DEPTH_REPAIRS,
-    DEPTH_UNITS,
     DEVICES,
     QUALITIES,
     TILES,
@@ -53,7 +53,7 @@ def reading_options(command: Command) -> Command:
         [
             option(
                 "--depth-unit",
-                type=click.Choice(DEPTH_UNITS),
+                type=click.Choice(list(CONVENTIONS)),
                 help="Unit of the depth.  [default: m; mm in 16-bit PNG]",
             ),
             option("--depth-channel", metavar="NAME", help="Depth channel of an EXR."),

@@ -11,6 +11,7 @@ from image_files import box, multi_part, random_planes, save, write_deep, write_
 
 from defocus_cli.formats.color import read_color
 from defocus_cli.formats.depth import Depth, read_depth, require_valid
+from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.formats.exr import write_exr
 from defocus_cli.formats.exr_channels import NoDepthChannel
 from defocus_cli.system.errors import InputError, UsageProblem
@@ -115,7 +116,7 @@ def test_units(tmp_path: Path, unit: str, metres: float) -> None:
     path = exr(tmp_path / "a.exr", "Z")
     read = read_depth(path, unit=unit)
     np.testing.assert_array_equal(read.metres, (plane().astype(np.float64) * metres).astype("f"))
-    with pytest.raises(UsageProblem, match=r"--depth-unit: .*mm, cm, m, ft"):
+    with pytest.raises(UsageProblem, match=f"--depth-unit: .*{', '.join(CONVENTIONS)}"):
         read_depth(path, unit="mile")
 
 

@@ -12,7 +12,7 @@ from command_line import pair, refused, render, run
 import defocus_core
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
-from defocus_cli.formats import depth
+from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.jobs import job
 from defocus_cli.jobs.lens_options import PARSERS
 from defocus_cli.options import shared
@@ -20,10 +20,6 @@ from defocus_cli.options import shared
 
 def test_qualities_are_those_of_the_core() -> None:
     assert tuple(defocus_core.QUALITIES) == job.QUALITIES
-
-
-def test_depth_units_are_those_that_can_be_read() -> None:
-    assert tuple(depth.METRES) == job.DEPTH_UNITS
 
 
 def test_threads_are_the_cores_this_process_may_use() -> None:
@@ -53,7 +49,7 @@ def test_help_shows_options_under_their_headings() -> None:
         ("--format", "gif", "'exr', 'png', 'png16', 'tiff', 'jpg'"),
         ("--exr-type", "double", "'half', 'float'"),
         ("--device", "tpu", "'auto', 'cpu', 'cuda'"),
-        ("--depth-unit", "km", "'mm', 'cm', 'm', 'ft'"),
+        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in CONVENTIONS)),
         ("--outputs", "render,bokeh", "choose from render, left, right, coc, disparity"),
         ("--outputs", "", "choose from render"),
         ("--threads", "0", "x>=1"),
