@@ -1,4 +1,4 @@
-"""The process that ``defocus`` or ``python -m defocus_cli`` is: how it ends."""
+"""Entry point of ``defocus`` and ``python -m defocus_cli``, and how the process ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ``defocus`` command: finds the subcommand, and says in one line what went wrong.
+"""The ``defocus`` command: finds the subcommand, and reports errors in one line.
 
 Exit codes: 0 done, 1 some of a batch failed, or a fault of defocus itself, 2 usage, 3 input or
 output, 130 interrupted by Ctrl-C, 141 nobody reads what is printed any more, as after ``| head``,
@@ -28,7 +28,7 @@ from defocus_cli.system.errors import (
 )
 from defocus_cli.system.interrupts import Terminated, terminations
 
-COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "bench", "verify")
+COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "bench", "verify", "help")
 
 
 class LazyGroup(click.Group):

@@ -13,6 +13,7 @@ from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
+from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
@@ -33,6 +34,7 @@ __all__ = [
     "DEPTH_REPAIRS",
     "LAWS",
     "QUALITIES",
+    "SCENE_KINDS",
     "TILE",
     "Aperture",
     "Behind",

@@ -1,4 +1,4 @@
-"""DeepLens' documented DefocusLens: the thin lens with its PSFs and its renderer.
+"""DefocusLens: the thin lens with DeepLens' interface, its PSFs and its renderer.
 
 Methods that take object-space z (`psf`, `coc`, `dof`, `refocus`) follow the optics habit z < 0 in
 front of the lens; a positive depth means the same distance. Renderers take maps of positive planar

@@ -1,4 +1,4 @@
-"""The renderer's door: pictures and radii in, defocused pictures out.
+"""The renderer's door: pictures and signed radii in, defocused pictures out.
 
 The centre image is the same whether or not left and right are asked for, and is their mean.
 """

@@ -1,4 +1,4 @@
-"""A picture that is too large to be held: read through windows, handed out region by region.
+"""A picture too large to be held: read through windows, rendered region by region.
 
 What comes out is, to the last bit, what `render` makes of the same picture.
 """

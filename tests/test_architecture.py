@@ -19,7 +19,7 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 CORE_ORDER = (
     *("__init__", "evaluation", "random_lens", "distributions", "lens", "render", "stream"),
     *("engine", "compositing", "blur", "depth", "inpainting", "layers", "images", "optics"),
-    "runtime",
+    *("runtime", "renderer_version"),
 )
 CLI_ORDER = (
     *("__main__", "main", "commands", "options", "bench", "reports", "batch", "dataset"),

@@ -1,52 +1,155 @@
-"""What the README shows is what happens."""
+"""What the README and the help topics show is what happens: their commands run."""
 
 from __future__ import annotations
 
+import os
 import re
+import runpy
+import shlex
 from pathlib import Path
 
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import run
+from command_line import color_exr, depth_exr, ramp, refused, run, texture, write_exr
 
+from defocus_cli.commands.help import TOPICS
 from defocus_cli.jobs.job import Machine, Outputs
 from defocus_cli.jobs.jobs_file import read_jobs
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text()
+HELP = ROOT / "defocus_cli" / "help"
+DOCUMENTS = {"README": ROOT / "README.md"} | {name: HELP / f"{name}.md" for name in TOPICS}
+SCENES = [path.parent.name for path in (ROOT / "sample_scenes").glob("*/rgb.exr")]
+# Commands of other programs, which need a network, a cluster or minutes.
+ELSEWHERE = {"make", "pip"}
+# Tests of their own run these; here only their options are parsed.
+PARSED = {"bench", "verify"}
+IN_THIS_PROCESS = {"batch": ["--processes", "1"], "retry": ["--processes", "1"]}
 
 
-def block(first_line: str) -> str:
-    found = re.search(rf"```\w+\n({re.escape(first_line)}\n.*?)```", README, re.S)
-    assert found, first_line
-    return found[1]
+def commands(text: str) -> list[list[str]]:
+    """The indented lines of a document that call a program, as words."""
+    lines = re.findall(r"^    (.+)$", text.replace("\\\n", ""), re.M)
+    found = (line for line in lines if re.match(r"(defocus|python|make|pip|sbatch)\b", line))
+    return [shlex.split(line, comments=True) for line in found]
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Type and content of the fenced blocks of a document."""
+    return re.findall(r"^```(\w+)\n(.*?)^```$", text, re.M | re.S)
+
+
+def write_named_blocks(text: str, folder: Path) -> None:
+    """Write each block whose first line is the name of a file."""
+    for _, content in blocks(text):
+        named = re.match(r"# (\w+\.\w+)\n", content)
+        if named:
+            body = content[named.end() :] if named[1].endswith(".csv") else content
+            (folder / named[1]).write_text(body)
 
 
 @pytest.fixture
-def jobs_file(tmp_path: Path) -> Path:
-    (tmp_path / "sample_scenes").symlink_to(ROOT / "sample_scenes")
-    path = tmp_path / "jobs.toml"
-    path.write_text(block("# jobs.toml"))
-    return path
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory, with tiny files of all the names that the documents use."""
+    for path in (*(Path("sample_scenes", name) for name in SCENES), Path()):
+        color_exr(tmp_path / path / "rgb.exr")
+        depth_exr(tmp_path / path / "depth.exr")
+    color, depth = texture(), ramp()
+    color_exr(tmp_path / "behind.exr", color)
+    depth_exr(tmp_path / "z.exr", depth + 4)
+    planes = {name: color[..., i] for i, name in enumerate("RGB")}
+    write_exr(tmp_path / "scene.exr", Z=depth, **planes)
+    color_exr(tmp_path / "frames" / "a.exr")
+    depth_exr(tmp_path / "depths" / "a.exr")
+    disparity = np.tile(np.linspace(0, 1, 320, dtype=np.float32)[None, :, None], (240, 1, 1))
+    for name, pixels in (("disparity.png", disparity), ("photo.jpg", texture(320, 240))):
+        picture = oiio.ImageBuf(oiio.ImageSpec(320, 240, pixels.shape[2], oiio.UINT8))
+        picture.set_pixels(oiio.ROI(), pixels)
+        assert picture.write(str(tmp_path / name))
+    write_named_blocks(DOCUMENTS["conventions"].read_text(), tmp_path)  # the lens file
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
-def test_the_jobs_file_makes_as_many_pictures_as_it_says(jobs_file: Path) -> None:
-    jobs = read_jobs(jobs_file, Outputs(jobs_file.parent / "out"), Machine())
-    assert f"makes {len(jobs)} pictures" in README
-    assert all(path.exists() for job in jobs for path in (job.picture.color, job.picture.depth))
+def carry_out(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a command of a document, or as much of it as a test can."""
+    program, *rest = words
+    if program in ELSEWHERE or "--scheduler" in rest:
+        return
+    if program == "sbatch":
+        monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "1")
+        wrapped = os.path.expandvars(rest[rest.index("--wrap") + 1])
+        carry_out(shlex.split(wrapped), monkeypatch)
+        return
+    if program == "python":
+        runpy.run_path(rest[0])
+        return
+    extra = ["--help"] if rest[0] in PARSED else IN_THIS_PROCESS.get(rest[0], [])
+    ran = run(*rest, *extra)
+    assert ran.code == 0, (words, ran.err)
 
 
-def test_its_lines_run_one_after_another(jobs_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(jobs_file.parent)
-    command = re.search(r"^    defocus (batch jobs.toml .*)$", README, re.M)
-    assert command
-    ran = run(*command[1].split(), "--limit", "1", "--processes", "1", "--shards-size", "1GB")
-    assert ran.code == 0, ran.err
-    assert Path("out/set/shards/samples-000000.tar").exists()
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_the_commands_of_a_document_run_one_after_another(
+    name: str, desk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = DOCUMENTS[name].read_text()
+    write_named_blocks(text, desk)
+    for words in commands(text):
+        carry_out(words, monkeypatch)
 
-    printed: list[tuple[object, ...]] = []
-    names = {"print": lambda *words: printed.append(words)}
-    exec(block("import torch"), names)
-    exec(block("from defocus_cli.dataset.finished import samples"), names)
-    assert names["seen"].render.shape == names["image"].shape
-    assert names["lenses"].signed_radius.abs().max() <= 20.001
-    assert [words[0].exists() for words in printed] == [True]
+
+@pytest.mark.parametrize("name", ["README", "python"])
+def test_the_python_of_a_document_runs(
+    name: str, desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_named_blocks(DOCUMENTS["batch"].read_text(), desk)
+    assert run("batch", "jobs.toml", "-o", "out/set", "--limit", "1", "--processes", "1").code == 0
+    names: dict[str, object] = {}
+    for kind, content in blocks(DOCUMENTS[name].read_text()):
+        if kind == "python":
+            exec(content, names)
+    assert names["defocused"].shape == names["left"].shape == names["image"].shape
+    if name == "python":
+        assert names["lenses"].signed_radius.abs().max() <= 20.001
+        assert str(names["sample"].files["render"]) in capsys.readouterr().out
+
+
+def test_the_jobs_file_makes_as_many_pictures_as_it_says(desk: Path) -> None:
+    text = DOCUMENTS["batch"].read_text()
+    write_named_blocks(text, desk)
+    jobs = read_jobs(desk / "jobs.toml", Outputs(desk / "out"), Machine())
+    assert f"makes {len(jobs)} pictures" in text
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_files_that_a_document_links_to_exist(name: str) -> None:
+    document = DOCUMENTS[name]
+    links = re.findall(r"\]\((?!https?:)([^)#]+)\)", document.read_text())
+    assert all((document.parent / link).is_file() for link in links)
+
+
+def test_every_topic_is_linked_and_described_in_the_readme() -> None:
+    readme = DOCUMENTS["README"].read_text()
+    for name, subject in TOPICS.items():
+        assert f"- [{name}](defocus_cli/help/{name}.md): {subject}\n" in readme
+    assert {path.stem for path in HELP.iterdir()} == set(TOPICS)
+
+
+@pytest.mark.parametrize("name", TOPICS)
+def test_a_topic_is_printed_as_it_is(name: str) -> None:
+    assert run("help", name).out == DOCUMENTS[name].read_text()
+
+
+def test_help_lists_the_topics() -> None:
+    listed = run("help").out.splitlines()
+    assert [line.split()[0] for line in listed] == list(TOPICS)
+
+
+def test_an_unknown_topic_is_answered_by_the_topics() -> None:
+    refused(run("help", "lenses"), 2, "lenses: no such topic", *TOPICS)
+
+
+def test_the_readme_is_for_the_first_five_minutes() -> None:
+    assert len(DOCUMENTS["README"].read_text().splitlines()) <= 200

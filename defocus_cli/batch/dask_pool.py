@@ -1,4 +1,4 @@
-"""Does the jobs of a batch on the workers of a Dask scheduler.
+"""Jobs of a batch on the workers of a Dask scheduler.
 
 Jobs go as plain dictionaries and come back as small ones; pictures are read and written where they
 are computed, so every worker has to see the same files under the same names. Dask may do a job
@@ -8,7 +8,7 @@ twice, which changes nothing: outputs are written whole, and only this process w
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
@@ -117,7 +117,7 @@ class _Submitted:
         error = future.exception()
         if error is None:
             told = future.result()
-            self._require_same_version(told["version"])
+            self._require_same_version(told["versions"])
             for (number, _), result in zip(chunk, told["results"], strict=True):
                 self.done(number, result)
         elif type(error).__name__ != "KilledWorker":
@@ -131,10 +131,11 @@ class _Submitted:
             message = f"{problem}; see if it is damaged"
             self.done(number, failed("failed", "worker-died", message, {}))
 
-    def _require_same_version(self, version: str) -> None:
-        own = identity.core_version()
-        if version != own:
-            problem = f"its workers have defocus {version}, but here is {own}"
+    def _require_same_version(self, theirs: Mapping[str, Any]) -> None:
+        own = identity.versions()
+        if theirs != own:
+            there, here = ("{version}, renderer {renderer}".format(**it) for it in (theirs, own))
+            problem = f"its workers have defocus {there}, but here is {here}"
             raise InputError(self.address, problem, "install the same defocus on all of them")
 
 
@@ -150,7 +151,7 @@ def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
             job_result.write(computed) if isinstance(computed, job_result.Computed) else computed
         )
         results.append({key: value for key, value in result.items() if key != "error"})
-    return {"version": identity.core_version(), "results": results}
+    return {"versions": identity.versions(), "results": results}
 
 
 def _absolute(job: Job) -> Job:

@@ -1,4 +1,4 @@
-"""How a batch is carried out: by whom, which part of it, and what counts as done."""
+"""Settings of a batch run: the executor, the shard, limits, and when a job counts as done."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does jobs, and tells what became of each as a plain dictionary, small enough to be sent.
+"""One job carried out, and its result as a plain dictionary that can be sent between processes.
 
 A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
 device, quality, warnings and seconds as a record of the journal has them, paths aside: outputs are
@@ -57,7 +57,7 @@ class Reader:
 
     def read(self, job: Job) -> Ready:
         """Decode the inputs of a job."""
-        key = (job.picture, job.reading, job_steps.needs_hidden(job))
+        key = (job.picture, job.reading, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
             return replace(self._last[1], job=job, seconds=0.0)
         self._last = None  # let go of a picture before there is another

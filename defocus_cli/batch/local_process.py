@@ -1,4 +1,4 @@
-"""Does the jobs of a batch in this process."""
+"""Jobs of a batch in this process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where jobs may write: what can be refused by looking at names is refused before any work."""
+"""Output paths checked by name before any work: collisions, and files that must not be replaced."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading ahead, rendering, writing behind.
+"""A pipeline of three stages: read the next picture, render this one, write the last one.
 
 Each picture is computed while the next one is decoded and the one before is encoded, as far as
 memory allows. At most one picture waits to be computed and one to be written, whatever the number

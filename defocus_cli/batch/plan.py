@@ -1,4 +1,4 @@
-"""What of a batch is done already, and what is left to do."""
+"""The plan of a batch: jobs that are done already, and jobs that are left to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does the jobs of a batch in processes of this machine.
+"""Jobs of a batch in worker processes on this machine.
 
 A process that dies (a crash in a decoder, the system short of memory) is replaced. Which of the
 jobs it had was to blame is not known, so each of them is done again with a process to itself; one

@@ -1,4 +1,4 @@
-"""Carries out jobs on OUT: what is done is skipped, the rest is done and written to the journal.
+"""A batch run: skips finished jobs, does the others, and writes each result to the journal.
 
 This is the one path of `defocus render`, `batch` and `retry`. Only this process writes the journal.
 """
@@ -211,7 +211,7 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
         "outputs": outputs,
         **{key: result[key] for key in (*copied, *notes)},
         "quality": result["quality"] or job.machine.quality,
-        "version": identity.core_version(),
+        **identity.versions(),
         "finished": _now(),
     }
 

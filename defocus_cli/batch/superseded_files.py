@@ -1,4 +1,4 @@
-"""What remains of earlier pictures of which a job replaces some files.
+"""Files of earlier pictures that a job replaces only in part, and that are removed with them.
 
 A preview goes with the picture that it shows. A map or picture of another kind stays, as somebody
 may have asked for it by itself; if it was made otherwise than what is beside it now, people are

@@ -1,4 +1,4 @@
-"""A process that does jobs for the coordinator of a batch.
+"""A worker process that does jobs for the coordinator of a batch.
 
 It is sent (number, job), and None when no further one is to be begun: what it has not begun to
 compute by then it lets go. It sends ``ready`` when it can start, then (number, result) for each

@@ -1,4 +1,4 @@
-"""Whether rendering got slower since a stored run of ``defocus bench --time --json FILE``.
+"""Whether rendering got slower since a stored run of ``defocus bench --time --json > FILE``.
 
 What is compared is the cost in transforms measured beside each rendering, not in seconds: the
 stored run may be of another machine, or of this one when it was busy.
@@ -89,7 +89,9 @@ def read_baseline(path: Path) -> Baseline:
         raise InputError(path, f"cannot be read: {reason(error)}", "check the path") from error
     except (ValueError, TypeError, KeyError) as error:
         problem = f"is no stored run ({type(error).__name__}: {reason(error)})"
-        raise InputError(path, problem, "make one with: defocus bench --time --json FILE") from None
+        raise InputError(
+            path, problem, "make one with: defocus bench --time --json > FILE"
+        ) from None
     if not all(value > 0 for value in units.values()):
         raise InputError(path, "holds a time that is not positive", "store a new run")
     return Baseline(path, threads, device, units)

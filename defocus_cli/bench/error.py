@@ -1,4 +1,4 @@
-"""Renders a shot by each method and measures its error against the truth, and its cost.
+"""Error and cost of one shot of known truth, by each quality and baseline method.
 
 Methods are the qualities of the renderer and the baselines it has to beat.
 """

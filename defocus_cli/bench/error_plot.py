@@ -1,4 +1,4 @@
-"""The picture of a benchmark: run time against error, one mark a shot and method."""
+"""Plot of a benchmark: run time against error, one mark for each shot and method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors and times as lines of tables and as records for JSON; means and regressions.
+"""Tables and JSON records of errors and times, their means and regressions.
 
 A regression is a shot on which `standard` is worse than a baseline by more than truth in half
 floats can tell: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
@@ -61,26 +61,32 @@ def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return found
 
 
+def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """What the standard quality loses on a shot to each baseline in `rows`; none for others."""
+    if row.method != JUDGED:
+        return []
+    found = []
+    for other in rows:
+        if (other.scene, other.shot) != (row.scene, row.shot) or other.method not in BASELINES:
+            continue
+        own, best = row.errors, other.errors
+        excess = own.rel_rmse - best.rel_rmse
+        by = {
+            "psnr": (best.psnr - own.psnr, _LEAST_DB),
+            "ssim": (best.ssim - own.ssim, _LEAST_SSIM),
+            "rel_rmse": (excess, max(_LEAST_SHARE * best.rel_rmse, _ROUNDING)),
+        }
+        lost = {name: value for name, (value, least) in by.items() if value > least}
+        if lost:
+            where = {"scene": row.scene, "shot": row.shot, "baseline": other.method}
+            found.append({**where, "lost": lost, "share": excess / max(best.rel_rmse, 1e-12)})
+    return found
+
+
 def regressions(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Where the standard quality is worse than a baseline, and by how much, the worst first."""
-    judged = {(row.scene, row.shot): row.errors for row in rows if row.method == JUDGED}
-    found = []
-    for row in rows:
-        own, other = judged.get((row.scene, row.shot)), row.errors
-        if own is None or row.method not in BASELINES:
-            continue
-        decibels, similarity = other.psnr - own.psnr, other.ssim - own.ssim
-        excess = own.rel_rmse - other.rel_rmse
-        worse = {
-            "psnr": decibels if decibels > _LEAST_DB else None,
-            "ssim": similarity if similarity > _LEAST_SSIM else None,
-            "rel_rmse": excess if excess > max(_LEAST_SHARE * other.rel_rmse, _ROUNDING) else None,
-        }
-        lost = {name: by for name, by in worse.items() if by is not None}
-        if lost:
-            where = {"scene": row.scene, "shot": row.shot, "baseline": row.method}
-            found.append({**where, "lost": lost, "share": excess / max(other.rel_rmse, 1e-12)})
-    return sorted(found, key=lambda r: -float(r["lost"].get("psnr", 0.0)))
+    found = [loss for row in rows for loss in losses(row, rows)]
+    return sorted(found, key=lambda loss: -float(loss["lost"].get("psnr", 0.0)))
 
 
 def error_document(rows: Sequence[Row]) -> dict[str, Any]:
@@ -95,17 +101,10 @@ def error_heading() -> str:
     return f"{'scene':<10}{'shot':<8}{'method':<9}" + "".join(titles)
 
 
-def line(row: Row, *, worse: bool = False) -> str:
+def error_line(row: Row, *, worse: bool = False) -> str:
     """A row of the table, marked if it is a regression."""
     names = f"{row.scene:<10}{row.shot:<8}{row.method:<9}"
     return names + _cells(record(row)) + (" !" if worse else "")
-
-
-def shot_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """The rows of one shot."""
-    worse = bool(regressions(rows))
-    for row in rows:
-        yield line(row, worse=worse and row.method == JUDGED)
 
 
 def summary_lines(rows: Sequence[Row]) -> Iterator[str]:

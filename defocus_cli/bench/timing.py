@@ -24,15 +24,6 @@ from defocus_cli.system.process import set_to_render
 if TYPE_CHECKING:
     from torch import Tensor
 
-KINDS = {
-    "focus": "all in focus",
-    "plane": "one plane",
-    "floor": "a floor through the focus",
-    "cards": "overlapping cards",
-    "thin": "wires close to the lens",
-    "lights": "lights behind wires",
-    "most": "80 % in focus",
-}  # of defocus_core, which takes seconds to import
 SIZES = ((480, 270), (960, 540))
 RADII = (8.0, 32.0)
 # A case is rendered this often, or until so many seconds are spent on it.
@@ -91,10 +82,12 @@ class Timing:
 
 def cases(sizes: Sequence[Size], radii: Sequence[float], qualities: Sequence[str]) -> list[Case]:
     """All combinations for each kind of scene, small ones first; no blur has one radius."""
+    from defocus_core import SCENE_KINDS
+
     return [
         Case(kind, size, radius, quality)
         for size in sorted(sizes, key=lambda size: size[0] * size[1])
-        for kind in KINDS
+        for kind in SCENE_KINDS
         for radius in ([0.0] if kind == "focus" else sorted(radii))
         for quality in qualities
     ]

@@ -1,4 +1,4 @@
-"""A set of scenes with known truth: what is in it, and one shot of it decoded.
+"""Sets of scenes with known truth: their shots, decoded.
 
 Each directory ``SCENE`` of a set holds ``camera.json``, ``rgb.exr``, ``depth.exr`` and, for each
 shot of the camera, ``truth_<shot>.exr``: what a thin lens would have photographed.

@@ -1,4 +1,4 @@
-"""``defocus batch``: the jobs of a file, over nights and machines."""
+"""``defocus batch``: render the jobs of a jobs file, resumable and over several machines."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def command(
 ) -> None:
     """Do the jobs of JOBS.toml: each picture by each lens, to OUT/<kind>/<sample>.<ext>.
 
-    JOBS.toml says what a batch is made of; the README shows one. OUT/journal.jsonl has a line for
-    each job that came to an end. Whatever stops a batch, the same command goes on where it was:
+    JOBS.toml says what a batch is made of; see 'defocus help batch'. OUT/journal.jsonl has a line
+    for each job that came to an end. Whatever stops a batch, the same command goes on where it was:
     what is done is not done again, unless its inputs, settings or outputs changed, or defocus did;
     what failed is tried again. When the batch has ended, OUT/metadata.jsonl lists its samples;
     those of an earlier batch that this one does not ask for stay in OUT, and out of the list.

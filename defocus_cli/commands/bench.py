@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 from defocus_cli.bench import error_plot, tables
 from defocus_cli.bench.baseline import read_baseline
 from defocus_cli.bench.error import BASELINES, Row, measure_shot
-from defocus_cli.bench.result_files import STDOUT, Files, progress
-from defocus_cli.bench.timing import RADII, SIZES, Case, Size, cases, time_case, warm_up
+from defocus_cli.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_cli.bench.truth_set import find_shots, read, sample_set
 from defocus_cli.jobs.job import DEVICES, QUALITIES
 from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, Names
+from defocus_cli.system import console
 from defocus_cli.system.errors import UsageProblem
 
 _QUALITIES = ("draft", "standard", "high")
@@ -65,15 +66,6 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
     f"[default: {','.join(_QUALITIES)}; standard with --time]",
 )
 @click.option(
-    "--json",
-    "json_file",
-    type=FilePath(),
-    is_flag=False,
-    flag_value=str(STDOUT),
-    metavar="[FILE]",
-    help="Write all as one JSON document, to FILE or else on stdout; then the table is on stderr.",
-)
-@click.option(
     "--plot",
     "plot_file",
     type=FilePath(),
@@ -88,6 +80,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
     help="Threads to compute with.  [default: one for each core; 1 with --time]",
 )
 @click.option("--device", type=click.Choice(DEVICES), default="auto", show_default=True)
+@shared.json_option
 @_time_option("--time", "timing", is_flag=True, help="Time made scenes instead.")
 @_time_option(
     "--sizes",
@@ -108,17 +101,17 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
     type=FilePath(),
     default=None,
     metavar="FILE",
-    help="A stored run (--json) to compare with; exit 1 if a case takes 25 % more FFTs.",
+    help="What --json printed earlier, to compare with; exit 1 if a case takes 25 % more FFTs.",
 )
 @click.pass_context
 def command(
     ctx: click.Context,
     truth: Path | None,
     qualities: tuple[str, ...],
-    json_file: Path | None,
     plot_file: Path | None,
     threads: int | None,
     device: str,
+    as_json: bool,
     timing: bool,
     sizes: tuple[Size, ...],
     radii: tuple[float, ...],
@@ -138,25 +131,34 @@ def command(
 
     With --time, scenes of several kinds are made and timed on one thread, as one thread makes the
     transforms: at two sizes and radii in half a minute, or at those given. --baseline compares
-    FFTs with a stored run.
+    FFTs with a stored run. With --json the table is on stderr.
 
     \b
     Examples:
       defocus bench
       defocus bench --truth ../truth --quality standard
-      defocus bench --json bench.json --plot bench.png
-      defocus bench --time --json before.json
+      defocus bench --plot bench.png
+      defocus bench --time --json > before.json
       defocus bench --time --baseline before.json
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
     """  # noqa: D301  click reads the backspace
     _refuse_others(ctx, timing=timing)
-    files = Files(json_file, plot_file)
-    files.refuse_unwritable()
+    echo = console.say if as_json else console.tell
     if timing:
-        asked = cases(sizes, radii, qualities or ("standard",))
-        return _times(asked, baseline, files, device, threads or 1)
-    _errors(truth or sample_set(), qualities or _QUALITIES, files, device, threads)
-    return 0
+        document = _times(
+            sizes, radii, qualities or ("standard",), baseline, device, threads or 1, echo
+        )
+    else:
+        if plot_file is not None:
+            error_plot.refuse_unplottable(plot_file)
+        rows, document = _errors(
+            truth or sample_set(), qualities or _QUALITIES, device, threads or shared.cores(), echo
+        )
+        if plot_file is not None:
+            error_plot.draw(plot_file, rows)
+    if as_json:
+        console.print_json(**document)
+    return 1 if document.get("slower") else 0
 
 
 def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
@@ -173,62 +175,56 @@ def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
 
 
 def _errors(
-    truth: Path, qualities: Sequence[str], files: Files, device: str, threads: int | None
-) -> None:
-    """Measure all shots of a set, by each quality and each baseline."""
+    truth: Path, qualities: Sequence[str], device: str, threads: int, echo: Callable[[str], None]
+) -> tuple[list[Row], dict[str, Any]]:
+    """Measure all shots of a set, by each baseline and each quality: rows, and the document."""
     from defocus_cli.rendering import job_steps
 
-    shots, methods = find_shots(truth), (*qualities, *BASELINES)
+    shots, methods = find_shots(truth), (*BASELINES, *qualities)
     job_steps.load()
-    device, threads = job_steps.choose_device(device), threads or shared.cores()
+    device = job_steps.choose_device(device)
     warm_up(device)
-    files.echo(tables.error_heading())
+    echo(tables.error_heading())
     rows: list[Row] = []
-    with progress(len(shots) * len(methods), files.echo) as (step, tell):
-        for shot in shots:
-            of_shot = []
-            for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
-                of_shot.append(row)
-                step()
-            for line in tables.shot_lines(of_shot):
-                tell(line)
-            rows += of_shot
+    for shot in shots:
+        for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
+            rows.append(row)
+            echo(tables.error_line(row, worse=bool(tables.losses(row, rows))))
     for line in tables.summary_lines(rows):
-        files.echo(line)
+        echo(line)
     settings = {"truth": str(truth), "device": device, "threads": threads}
-    files.write_json({**settings, **tables.error_document(rows)})
-    if files.plot is not None:
-        error_plot.draw(files.plot, rows)
+    return rows, {**settings, **tables.error_document(rows)}
 
 
 def _times(
-    asked: Sequence[Case], baseline: Path | None, files: Files, device: str, threads: int
-) -> int:
-    """Time all cases; the exit code is 1 if one got slower than the stored run."""
+    sizes: Sequence[Size],
+    radii: Sequence[float],
+    qualities: Sequence[str],
+    baseline: Path | None,
+    device: str,
+    threads: int,
+    echo: Callable[[str], None],
+) -> dict[str, Any]:
+    """Time all cases: the document, with what a stored run says of them."""
     from defocus_cli.rendering import job_steps
 
     stored = read_baseline(baseline) if baseline else None
     job_steps.load()
-    device = job_steps.choose_device(device)
+    device, asked = job_steps.choose_device(device), cases(sizes, radii, qualities)
     if stored:
         stored.refuse_incomparable(asked, threads=threads, device=device)
     timed = partial(time_case, device=device, threads=threads)
     warm_up(device)
-    files.echo(tables.time_heading())
+    echo(tables.time_heading())
     timings = []
-    with progress(len(asked), files.echo) as (step, tell):
-        for case in asked:
-            timings.append(timed(case))
-            step()
-            tell(tables.time_line(timings[-1]))
-    document = {"device": device, "threads": threads}
-    slower = False
+    for case in asked:
+        timings.append(timed(case))
+        echo(tables.time_line(timings[-1]))
+    document: dict[str, Any] = {"device": device, "threads": threads}
     if stored:
         timings = stored.confirmed(timings, timed)
         compared, worse = stored.compare(timings), stored.slower(timings)
-        slower, document["baseline"] = bool(worse), compared
+        document |= {"baseline": compared, "slower": [each["case"] for each in worse]}
         for line in tables.comparison_lines(compared, worse):
-            files.echo(line)
-    rows = [tables.time_record(timing) for timing in timings]
-    files.write_json({**document, "rows": rows})
-    return 1 if slower else 0
+            echo(line)
+    return {**document, "rows": [tables.time_record(timing) for timing in timings]}

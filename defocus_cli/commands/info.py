@@ -1,4 +1,4 @@
-"""``defocus info``: what is in a file, before rendering it."""
+"""``defocus info``: the contents of a file, and how it would be read."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import click
 
 from defocus_cli.jobs.job import Lens, Reading
 from defocus_cli.options import shared
+from defocus_cli.options.lens import lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import inspection_report
 from defocus_cli.reports.inspection import have_parts, inspect
@@ -21,7 +22,7 @@ from defocus_cli.system.errors import UserError
     short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
 )
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
-@shared.lens_options(required=False)
+@lens_options(required=False)
 @shared.reading_options
 @shared.json_option
 def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_json: bool) -> None:

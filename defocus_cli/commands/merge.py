@@ -1,4 +1,4 @@
-"""``defocus merge``: one journal of those of the shards of a batch."""
+"""``defocus merge``: join the journals of the shards of a batch into one."""
 
 from __future__ import annotations
 

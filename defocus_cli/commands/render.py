@@ -11,22 +11,51 @@ from defocus_cli.batch import local_process, run
 from defocus_cli.batch.execution import How
 from defocus_cli.batch.plan import make_plan
 from defocus_cli.dataset import update
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
 from defocus_cli.jobs.pairing import find_pictures, with_hidden
 from defocus_cli.options import shared
+from defocus_cli.options.lens import lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import batch_report, dry_runs
 from defocus_cli.system import console
+
+_KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
+_HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
+
+COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
+COLOR is an EXR that holds both, or a directory of such.
+
+OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
+inputs, options and outputs are as they were are not rendered again. Files that the journal does
+not know are refused.
+
+\b
+Kinds:
+{_KINDS}
+
+--dry-run opens the inputs and renders nothing. What it says of time goes by a measurement of
+this machine, made once and kept.
+
+\b
+Examples:
+  defocus render rgb.exr depth.exr -o out --focal-length 50mm --fnumber 1.4 --focus 2m
+  defocus render photo.jpg depth_mm.png -o out --lens 50mm.toml --focus-at 640,360 --format png
+  defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
+  defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
+  defocus render frames/ depths/ -o out --lens 50mm.toml --dry-run
+"""
 
 
 @click.command(
     "render",
     cls=GroupedCommand,
+    help=_HELP,
     short_help="Defocus pictures: colour and depth in, render, left, right, coc out.",
 )
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
-@shared.lens_options(required=True)
+@lens_options(required=True)
 @shared.output_options
 @shared.hidden_option
 @shared.reading_options
@@ -54,34 +83,7 @@ def command(
     stats: bool,
     dry_run: bool,
 ) -> None:
-    """Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
-
-    COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
-    COLOR is an EXR that holds both, or a directory of such.
-
-    OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
-    inputs, options and outputs are as they were are not rendered again. Files that the journal does
-    not know are refused.
-
-    \b
-    Kinds:
-      render        the defocused picture
-      left, right   what the left and right half of the lens see (dual pixel)
-      coc           signed radius of the circle of confusion in px, beyond the focus positive
-      disparity     dual-pixel disparity in px, signed alike
-      trust         share of the lens that saw what the picture holds: 1 is nothing invented
-
-    --dry-run opens the inputs and renders nothing. What it says of time goes by a measurement of
-    this machine, made once and kept.
-
-    \b
-    Examples:
-      defocus render rgb.exr depth.exr -o out --focal-length 50mm --fnumber 1.4 --focus 2m
-      defocus render photo.jpg depth_mm.png -o out --lens 50mm.toml --focus-at 640,360 --format png
-      defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
-      defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
-      defocus render frames/ depths/ -o out --lens 50mm.toml --dry-run
-    """  # noqa: D301  click reads the backspace
+    """Parse the options, render the pictures that are left to do, and report."""
     pictures = with_hidden(find_pictures(color, depth), color, hidden)
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
     how = functools.partial(How, read_inputs=check_inputs == "hash")

@@ -1,4 +1,4 @@
-"""``defocus retry``: the failed jobs of a batch once more."""
+"""``defocus retry``: do the failed jobs of a batch again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``defocus status``: how far a batch has come."""
+"""``defocus status``: progress of a batch, and why jobs failed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``defocus verify``: whether the laws of the lens hold on this machine."""
+"""``defocus verify``: measure the laws of the lens on this machine."""
 
 from __future__ import annotations
 

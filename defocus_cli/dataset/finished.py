@@ -1,4 +1,4 @@
-"""A finished batch, for programs that train on it: its samples, without torch and without pixels.
+"""Samples of a finished batch for training scripts, without torch and without pixels.
 
 ::
 

@@ -1,4 +1,4 @@
-"""The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample, by name.
+"""The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample.
 
 ``file_name`` comes first, as the image folders of Hugging Face's `datasets` want it, and each
 further picture that they can decode is ``<kind>_file_name``. A key has one type in every line, null
@@ -13,13 +13,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.formats.kinds import IMAGE_KINDS, KINDS
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.system.safe_files import written_whole
 
 NAME = "metadata.jsonl"
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
-_TAKEN = ("lens", "size", "coc_px", "quality", "version")  # how a picture was
+_TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # how a picture was
 _DECODED = (".png", ".jpg", ".tif")  # by those who know pictures and not EXR
 
 
@@ -29,9 +29,9 @@ def write(out: Path, records: Iterable[Record]) -> Path:
     Args:
         out: what the outputs' paths are relative to.
         records: of the journal; those whose status is not ``ok`` are no samples. Of the others are
-            read: sample_id, size, coc_px, quality, warnings, version, lens (as
-            `report.lens_record` has it), and by role or kind inputs and outputs, each with its path
-            and, where it is known, its blake2b.
+            read: sample_id, size, coc_px, quality, warnings, version, renderer,
+            lens (as `report.lens_record` has it), and by role or kind inputs and outputs, each with
+            its path and, where it is known, its blake2b.
 
     Returns:
         The file.
@@ -106,7 +106,7 @@ def line(entry: Mapping[str, Any]) -> bytes:
 def _entry(record: Record) -> dict[str, Any]:
     outputs = {kind: record["outputs"][kind] for kind in KINDS if kind in record["outputs"]}
     paths = {kind: output["path"] for kind, output in outputs.items()}
-    first, *others = sorted(paths, key=lambda kind: kind not in IMAGE_KINDS)
+    first, *others = sorted(paths, key=lambda kind: not KINDS[kind].image)
     near, far = record["coc_px"]
     width, height = record["size"]
     return {
@@ -125,6 +125,7 @@ def _entry(record: Record) -> dict[str, Any]:
         "outputs_blake2b": {kind: output.get("blake2b") for kind, output in outputs.items()},
         "inputs_blake2b": _hashes(record),
         "version": record["version"],
+        "renderer": record["renderer"],
     }
 
 

@@ -1,4 +1,4 @@
-"""The samples of a finished batch as WebDataset shards: ``OUT/shards/samples-000000.tar``, ….
+"""WebDataset shards of a finished batch: ``OUT/shards/samples-000000.tar``, ….
 
 Each sample is ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the
 index. The key is the sample_id with _ for each dot, as readers of such tars cut at the first one.

@@ -1,4 +1,4 @@
-"""What is made of OUT when a batch has ended: the index of its samples, and shards of them.
+"""Update of the dataset in OUT when a batch has ended: index and shards of its samples.
 
 A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
 any more, though its files stay. Where several jobs files write to one OUT, the last one counts;

@@ -1,4 +1,4 @@
-"""Colour images, decoded to what is blurred: scene-linear float32, alpha multiplied in.
+"""Colour images decoded for blurring: scene-linear float32, premultiplied by alpha.
 
 EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
 otherwise. EXR alpha is premultiplied by definition; other files' is multiplied in here, in linear

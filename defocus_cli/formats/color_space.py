@@ -1,4 +1,4 @@
-"""What an image file says of its colours: how samples become light, and what is not heeded.
+"""Colour spaces that files declare: how samples become light, and what is not applied.
 
 The curves of sRGB, of powers, and none are known. Primaries are taken as they come: which red it is
 that blurs does not matter to the blur. What else a file declares, as an embedded profile or as a

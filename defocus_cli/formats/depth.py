@@ -1,4 +1,4 @@
-"""Depth maps, decoded to planar metres with their sky and their holes.
+"""Depth maps decoded to planar metres, with sky at infinity; holes are refused.
 
 Nothing is read off the range of the values. Floats (EXR, PFM, NPY, float TIFF) are metres and
 16-bit integers of PNG and TIFF millimetres unless a unit is given; those of EXR and NPY have no

@@ -1,4 +1,4 @@
-"""What the header of a colour or depth file says, of whatever kind it is."""
+"""Size, channels and parts of an image file, from its header."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images, written whole, in the format that the suffix says.
+"""Images encoded in the format of their suffix, and written whole.
 
 EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
 and JPEG (8 bit, quality 95): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its

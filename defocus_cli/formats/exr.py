@@ -1,16 +1,28 @@
 """OpenEXR pixels, in and out: native half, float and uint arrays, cropped to the display window.
 
-Pixels outside the data window are 0. Output is one scan-line part, ZIP compressed (the codec whose
-corruption is noticed on reading), without dates: the same arrays make the same bytes.
+Pixels outside the data window are 0. OpenImageIO decodes some rows or tiles at a time, of any part.
+Output is one scan-line part, ZIP compressed (the codec whose corruption is noticed on reading),
+without dates: the same arrays make the same bytes.
 """
 
 from __future__ import annotations
 
+import io
+import struct
 from dataclasses import dataclass
+from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.exr_header import STRUCTURAL, Header, Raw, Window, read_headers
-from defocus_cli.formats.exr_text import legible
+from defocus_cli.formats.exr_header import (
+    STRUCTURAL,
+    Header,
+    Raw,
+    Window,
+    header_bytes,
+    read_attributes,
+    read_headers,
+)
+from defocus_cli.formats.raster import first_line
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
 from defocus_cli.system.errors import InputError, reason
 from defocus_cli.system.safe_files import quiet, written_whole
@@ -22,13 +34,17 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-DAMAGED = ("is truncated or damaged", "write or copy it again")
-NO_PIECES = (
+    Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
+
+_AGAIN = "write or copy it again"
+_NO_PIECES = (
     "is too large to be held in --memory, and its pixels cannot be had piece by piece",
-    "allow more --memory, or save it in scan lines, ZIP compressed",
+    "allow more --memory, or save it in scan lines, ZIP compressed, without subsampling",
 )
-_STRIP_BYTES = 1 << 25  # of pixels, encoded at once
+_STRIP_BYTES = 1 << 25  # of pixels, decoded or encoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
+_ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
+_ZIP_ROWS = 16
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
 
@@ -37,7 +53,7 @@ class Part:
     """One decoded part of an EXR file.
 
     Attributes:
-        header: what its header says.
+        header: the part's header.
         channels: name to native array [H, W] of the display window, in memory or in a scratch
             file; empty for a deep part. Subsampled channels are left out.
     """
@@ -56,99 +72,130 @@ def read_parts(
 
     Args:
         path: the file.
-        headers: what `read_headers` said, if it has been asked already.
-        keeping: where the channels are to be kept; for scratch files, they are decoded in pieces.
-        wanted: whether a channel of a part is; others may be left out.
+        headers: its headers, if `read_headers` has read them already.
+        keeping: where the channels are to be kept.
+        wanted: whether a channel of a part is wanted; the others are left out.
 
     Raises:
         InputError: the file cannot be read, or not all of it.
     """
-    import OpenEXR
-
     headers = read_headers(path) if headers is None else headers
+    subsampled = any(channel.subsampled for header in headers for channel in header.channels)
+    if subsampled and keeping.scratch:
+        raise InputError(path, *_NO_PIECES)
+    decode = _whole if subsampled else _pieces
     try:
         with quiet():
-            if keeping.scratch:
-                return tuple(_in_pieces(path, headers, keeping, wanted))
-            decoded = OpenEXR.File(legible(path), separate_channels=True).parts
-            # OpenEXR leaves out a part that it failed to decode, with no more than a print.
-            if len(decoded) != len(headers):
-                raise InputError(path, *DAMAGED)
-            return tuple(_part(path, *pair) for pair in zip(headers, decoded, strict=True))
+            return tuple(_part(path, header, keeping, wanted, decode) for header in headers)
     except InputError:
         raise
-    except Exception as error:
-        # OpenEXR raises half a dozen types, and calls truncation "file has 0 parts".
-        raise InputError(path, f"{DAMAGED[0]} ({reason(error)})", DAMAGED[1]) from error
+    except Exception as error:  # the libraries raise half a dozen types
+        raise _damaged(path, reason(error)) from error
 
 
-def _part(path: Path, header: Header, decoded: Any) -> Part:
-    """``decoded`` as a Part, checked against the header that was read before."""
-    if header.deep:
-        return Part(header, {})
-    flat = [channel for channel in header.channels if not channel.subsampled]
-    channels = {}
-    for channel in flat:
-        pixels = decoded.channels[channel.name].pixels
-        shape = (header.data.height, header.data.width)
-        if pixels is None or pixels.shape != shape or pixels.dtype != _DTYPES[channel.type]:
-            raise InputError(path, *DAMAGED)
-        channels[channel.name] = _crop(pixels, header.data, header.display)
+def _part(
+    path: Path,
+    header: Header,
+    keeping: Keeping,
+    wanted: Callable[[Header, str], bool],
+    decode: Callable[[Path, Header, Mapping[str, str], Keeping], Pieces],
+) -> Part:
+    types = {
+        channel.name: channel.type
+        for channel in header.channels
+        if not (header.deep or channel.subsampled) and wanted(header, channel.name)
+    }
+    size = (header.display.height, header.display.width)
+    channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
+    if not header.data.covers(header.display):
+        for plane in channels.values():
+            plane[:] = 0
+    if channels:
+        for window, piece in decode(path, header, types, keeping):
+            for name, pixels in piece.items():
+                _put(channels[name], pixels, window, header.display)
     return Part(header, channels)
 
 
-def _in_pieces(
-    path: Path,
-    headers: tuple[Header, ...],
-    keeping: Keeping,
-    wanted: Callable[[Header, str], bool],
-) -> Iterator[Part]:
-    """The parts, some rows or tiles of each at a time in memory."""
-    from defocus_cli.formats.exr_strips import pieces, read_chunks
+def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:
+    """Some rows or tiles of a part after the others, and where they lie."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    for header, chunks in zip(headers, read_chunks(path), strict=True):
-        channels: dict[str, Any] = {}
-        flat = [c for c in header.channels if not c.subsampled and wanted(header, c.name)]
-        if header.deep:
-            flat = []
-        pixel_bytes = 4 * len(header.channels)
-        if flat and (
-            chunks is None or (chunks.tiled and chunks.pixels * pixel_bytes > _LARGEST_TILE)
-        ):
-            raise InputError(path, *NO_PIECES)
-        size = (header.display.height, header.display.width)
-        for channel in flat:
-            channels[channel.name] = keeping.new(size, _DTYPES[channel.type])
-        if flat and chunks is not None:
-            for data, found in pieces(path, chunks, pixel_bytes):
-                for channel in flat:
-                    pixels = found.get(channel.name)
-                    if pixels is None or pixels.dtype != _DTYPES[channel.type]:
-                        raise InputError(path, *DAMAGED)
-                    if pixels.shape != (data.height, data.width):
-                        raise InputError(path, *DAMAGED)
-                    _put(channels[channel.name], pixels, data, header.display)
-        yield Part(header, channels)
+    file = oiio.ImageInput.open(str(path))
+    if not file:
+        raise _damaged(path, first_line(path, oiio.geterror()))
+    try:
+        if not file.seek_subimage(header.index, 0):
+            raise _damaged(path, first_line(path, file.geterror()))
+        spec, (x0, y0, x1, y1) = file.spec(), header.data
+        if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+            raise _damaged(path, "two sizes in its header")
+        wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
+        cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
+        if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
+            raise InputError(path, *_NO_PIECES)
+        cells = max(1, _STRIP_BYTES // cell_bytes)
+        across = min(cells, -(-spec.width // wide))
+        wide, high = across * wide, cells // across * high
+        for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
+            window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
+            yield window, _decoded(path, file, header.index, window, types)
+    finally:
+        file.close()
+        oiio.geterror()  # or the next file would be blamed
+
+
+def _decoded(
+    path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
+) -> dict[str, NDArray[Any]]:
+    """The channels of a window, of one type after the other: OpenImageIO converts a mixture."""
+    spec = file.spec()
+    piece: dict[str, NDArray[Any]] = {}
+    named = [pair for pair in enumerate(spec.channelnames) if pair[1] in types]
+    if len(named) != len(types):
+        raise _damaged(path, "two lists of channels")
+    # Neighbours of one type have the same distance from their place among the wanted channels.
+    placed = [
+        (types[name], index - place, index, name) for place, (index, name) in enumerate(named)
+    ]
+    for (kind, _), group in groupby(placed, key=lambda channel: channel[:2]):
+        names = {index: name for _, _, index, name in group}
+        rows, channels = (window.y0, window.y1 + 1), (min(names), max(names) + 1)
+        if spec.tile_width:
+            columns = (window.x0, window.x1 + 1)
+            pixels = file.read_tiles(part, 0, *columns, *rows, 0, 1, *channels, kind)
+        else:
+            pixels = file.read_scanlines(part, 0, *rows, 0, *channels, kind)
+        if pixels is None or file.has_error:
+            raise _damaged(path, first_line(path, file.geterror()))
+        pixels = pixels.reshape(window.height, window.width, len(names))
+        piece |= {name: pixels[:, :, index - min(names)] for index, name in names.items()}
+    return piece
+
+
+def _whole(path: Path, header: Header, types: Mapping[str, str], _: Keeping) -> Pieces:
+    """All of a part at once by OpenEXR, of a file with subsampling, which OpenImageIO refuses."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        # OpenEXR leaves out a part that it failed to decode, with no more than a print.
+        if len(file.parts) <= header.index or types.keys() - file.parts[header.index].channels:
+            raise _damaged(path, "a part is missing")
+        decoded = file.parts[header.index].channels
+        yield header.data, {name: decoded[name].pixels for name in types}
 
 
 def _put(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
-    """Put what fills the data window where it lies in the display window."""
+    """Put the pixels of the data window where they lie in the display window."""
     x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
     y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
     if x0 < x1 and y0 < y1:
-        seen = pixels[y0 - data.y0 : y1 - data.y0, x0 - data.x0 : x1 - data.x0]
-        whole[y0 - display.y0 : y1 - display.y0, x0 - display.x0 : x1 - display.x0] = seen
+        shown = pixels[y0 - data.y0 : y1 - data.y0, x0 - data.x0 : x1 - data.x0]
+        whole[y0 - display.y0 : y1 - display.y0, x0 - display.x0 : x1 - display.x0] = shown
 
 
-def _crop(pixels: NDArray[Any], data: Window, display: Window) -> NDArray[Any]:
-    """The display window of ``pixels``, which fill the data window; 0 where they do not reach."""
-    import numpy as np
-
-    if data == display:
-        return pixels
-    cropped = np.zeros((display.height, display.width), pixels.dtype)
-    _put(cropped, pixels, data, display)
-    return cropped
+def _damaged(path: Path, why: str) -> InputError:
+    return InputError(path, f"is truncated or damaged ({why})", _AGAIN)
 
 
 def write_exr(
@@ -158,6 +205,9 @@ def write_exr(
     corner: tuple[int, int] = (0, 0),
 ) -> None:
     """Write one part whose pixel types are those of the arrays.
+
+    OpenEXR encodes strip after strip as a file of its own; their chunks under one header are the
+    file that it would write at once, byte for byte.
 
     Args:
         path: written whole or not at all.
@@ -172,23 +222,38 @@ def write_exr(
     import numpy as np
     import OpenEXR
 
-    from defocus_cli.formats.exr_strips import ZIP_ROWS, write_strips
-
     given = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in given.items() if isinstance(value, Raw)}
+    height, width = next(iter(channels.values())).shape
+    (x, y), bottom = corner, corner[1] + height - 1
+    whole = Window(x, y, x + width - 1, bottom)
     header = {name: value for name, value in given.items() if name not in carried}
     header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    height, width = next(iter(channels.values())).shape
     row_bytes = width * sum(array.dtype.itemsize for array in channels.values())
-    each = max(1, _STRIP_BYTES // row_bytes // ZIP_ROWS) * ZIP_ROWS
-    parts = (
-        {name: np.ascontiguousarray(array[y : y + each]) for name, array in channels.items()}
-        for y in range(0, height, each)
-    )
+    rows = max(1, _STRIP_BYTES // row_bytes // _ROWS) * _ROWS
+    offsets: list[int] = []
     with written_whole(path) as file, quiet():
-        x, y = corner
-        window = Window(x, y, x + width - 1, y + height - 1)
-        write_strips(file, header, carried, window, parts)
+        for top in range(0, height, rows):
+            window = Window(x, y + top, whole.x1, min(y + top + rows - 1, bottom))
+            strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
+            encoded = io.BytesIO()
+            corners = np.array(window[:2], np.int32), np.array(window[2:], np.int32)
+            OpenEXR.File({**header, "dataWindow": corners}, strip).write(encoded)
+            encoded.seek(8)
+            attributes_there = read_attributes(encoded)
+            if not offsets:
+                box = Raw("box2i", struct.pack("<4i", *whole))
+                windows = {"dataWindow": box, "displayWindow": box}
+                file.write(header_bytes(attributes_there | carried | windows))
+                table = file.tell()
+                file.write(bytes(8 * -(-height // _ZIP_ROWS)))
+            count = -(-window.height // _ZIP_ROWS)
+            starts = struct.unpack(f"<{count}Q", encoded.read(8 * count))
+            offsets += [file.tell() + start - encoded.tell() for start in starts]
+            file.write(encoded.read())
+        file.seek(table)
+        file.write(struct.pack(f"<{len(offsets)}Q", *offsets))
+        file.seek(0, io.SEEK_END)
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:

@@ -1,4 +1,4 @@
-"""Which channels of an EXR file are the colour, and which one is the depth.
+"""Colour layers and depth channels of an EXR file, found by name.
 
 OpenEXR names channels ``LAYER.CHANNEL``; files may also split layers into named parts. A name that
 the user gives is compared exactly, then without regard to case. Nothing is guessed: several
@@ -11,7 +11,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from defocus_cli.formats.kinds import MAP_KINDS
+from defocus_cli.formats.kinds import MAPS
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def choose_depth(
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
-    if not candidates and len(every) == 1 and every[0].name not in MAP_KINDS:
+    if not candidates and len(every) == 1 and every[0].name not in MAPS:
         candidates = every
     if len(candidates) > 1:
         # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".

@@ -1,6 +1,7 @@
-"""What an OpenEXR header says, read without trusting it and before any pixel is allocated.
+"""Headers of OpenEXR files, read without trust and before any pixel is allocated.
 
-OpenEXR's own reader gives no channel types without decoding the pixels, and believes any size.
+By hand, because no library gives an attribute back as it stands in the file: OpenEXR's binding for
+Python refuses a header with text that is not UTF-8, OpenImageIO turns attributes into its own.
 Layout: openexr.com, "OpenEXR File Layout".
 """
 
@@ -20,11 +21,10 @@ if TYPE_CHECKING:
 MAGIC = b"\x76\x2f\x31\x01"
 PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
 _BYTES = {"uint": 4, "half": 2, "float": 4}
-_DEEP, _MULTIPART = 0x800, 0x1000
-_LONGEST_NAME = 255
+_LONG_NAMES, _DEEP, _MULTIPART = 0x400, 0x800, 0x1000
+_SHORT_NAME, _LONGEST_NAME = 31, 255
 # The attributes read here are tens of bytes, a channel list at most some thousand names.
 _LONGEST_VALUE = 2**24
-_SQUARE = struct.pack("<f", 1.0)
 # Attributes that describe how this one file is laid out, not the picture.
 STRUCTURAL = frozenset(
     {
@@ -42,8 +42,7 @@ class Raw(NamedTuple):
     value: bytes
 
 
-@dataclass(frozen=True)
-class Window:
+class Window(NamedTuple):
     """Pixel rectangle of an EXR header, both corners included."""
 
     x0: int
@@ -66,12 +65,8 @@ class Window:
 
     def covers(self, other: Window) -> bool:
         """Whether every pixel of ``other`` lies in this window."""
-        return (
-            self.x0 <= other.x0
-            and self.y0 <= other.y0
-            and self.x1 >= other.x1
-            and self.y1 >= other.y1
-        )
+        first = self.x0 <= other.x0 and self.y0 <= other.y0
+        return first and self.x1 >= other.x1 and self.y1 >= other.y1
 
 
 @dataclass(frozen=True)
@@ -98,7 +93,7 @@ class Header:
 
     @property
     def cut_note(self) -> str:
-        """What of its pixels is not shown, and what is shown but has none; empty if neither."""
+        """The pixels outside the display window, and those missing in it; empty if neither."""
         data, display = self.data, self.display
         cropped = "" if display.covers(data) else f"cropped from {data} to the display window"
         missing = "" if data.covers(display) else f"0 outside the data window {data}"
@@ -106,8 +101,13 @@ class Header:
 
     @property
     def label(self) -> str:
-        """What the part is called in messages: its name, or its number if it has none."""
+        """The part's name in messages, or its number if it has none."""
         return self.name or str(self.index)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of one decoded pixel, all channels."""
+        return sum(_BYTES[channel.type] for channel in self.channels)
 
 
 def is_exr(head: bytes) -> bool:
@@ -133,60 +133,38 @@ def read_headers(path: Path) -> tuple[Header, ...]:
         problem = f"has a damaged OpenEXR header ({error})"
         raise InputError(path, problem, "write or copy it again") from error
     for header in headers:
-        pixel_bytes = sum(_BYTES[channel.type] for channel in header.channels)
-        check_size(path, header.data.width, header.data.height, pixel_bytes)
-        check_size(path, header.display.width, header.display.height, pixel_bytes)
+        check_size(path, header.data.width, header.data.height, header.pixel_bytes)
+        check_size(path, header.display.width, header.display.height, header.pixel_bytes)
     return headers
 
 
-def _parts(file: BinaryIO) -> list[Header]:
-    (_, version) = struct.unpack("<4sI", file.read(8))
-    if version & 0xFF != 2:
-        raise ValueError(f"format version {version & 0xFF}, not 2")
-    headers: list[Header] = []
-    while attributes := {name: Raw(kind, value) for name, kind, value in attributes_of(file)}:
-        headers.append(_header(len(headers), attributes, bool(version & _DEEP)))
-        if not version & _MULTIPART:
-            break
-    if not headers:
-        raise ValueError("no parts")
-    return headers
-
-
-def attributes_of(file: BinaryIO) -> list[tuple[str, str, bytes]]:
-    """Name, type and value of the attributes of the next header, in order.
-
-    There are none at the end of a multi-part list.
+def read_attributes(file: BinaryIO) -> dict[str, Raw]:
+    """Attributes of the header that comes next in a file; none at the end of a list of headers.
 
     Raises:
-        ValueError: it is damaged.
+        ValueError: the header is damaged.
     """
-    return list(iter(lambda: attribute_of(file), None))
+    attributes = {}
+    while name := _text(file):
+        kind = _text(file)
+        (size,) = struct.unpack("<i", file.read(4))
+        if not 0 <= size <= _LONGEST_VALUE:
+            raise ValueError(f"attribute {name} of {size} bytes")
+        value = file.read(size)
+        if len(value) < size:
+            raise ValueError("it ends early")
+        attributes[name] = Raw(kind, value)
+    return attributes
 
 
-def attribute_of(file: BinaryIO) -> tuple[str, str, bytes] | None:
-    """Name, type and value of the next attribute; None at the end of a header.
-
-    Raises:
-        ValueError: it is damaged.
-    """
-    name = _text(file)
-    if not name:
-        return None
-    kind = _text(file)
-    (size,) = struct.unpack("<i", file.read(4))
-    if not 0 <= size <= _LONGEST_VALUE:
-        raise ValueError(f"attribute {name} of {size} bytes")
-    value = file.read(size)
-    if len(value) < size:
-        raise ValueError("it ends early")
-    return name, kind, value
-
-
-def is_multipart(file: BinaryIO) -> bool:
-    """Whether a file, at its beginning, may have several headers; the first comes next."""
-    (_, version) = struct.unpack("<4sI", file.read(8))
-    return bool(version & _MULTIPART)
+def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
+    """The beginning of a file of one part in scan lines, up to its table of offsets."""
+    names = [name.encode() for pair in attributes.items() for name in (pair[0], pair[1].kind)]
+    version = 2 | (_LONG_NAMES if max(map(len, names)) > _SHORT_NAME else 0)
+    parts = [MAGIC, struct.pack("<I", version)]
+    for name, (kind, value) in sorted(attributes.items()):
+        parts += [name.encode(), b"\0", kind.encode(), b"\0", struct.pack("<i", len(value)), value]
+    return b"".join([*parts, b"\0"])
 
 
 def _text(file: BinaryIO) -> str:
@@ -199,26 +177,40 @@ def _text(file: BinaryIO) -> str:
     return text.decode()
 
 
-def _header(index: int, found: dict[str, Raw], any_deep: bool) -> Header:
-    attributes = {name: raw.value for name, raw in found.items()}
-    missing = {"channels", "dataWindow", "displayWindow"} - attributes.keys()
+def _parts(file: BinaryIO) -> list[Header]:
+    (_, version) = struct.unpack("<4sI", file.read(8))
+    if version & 0xFF != 2:
+        raise ValueError(f"format version {version & 0xFF}, not 2")
+    headers: list[Header] = []
+    while attributes := read_attributes(file):
+        headers.append(_header(len(headers), attributes, deep=bool(version & _DEEP)))
+        if not version & _MULTIPART:
+            break
+    if not headers:
+        raise ValueError("no parts")
+    return headers
+
+
+def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
+    values = {name: raw.value for name, raw in attributes.items()}
+    missing = {"channels", "dataWindow", "displayWindow"} - values.keys()
     if missing:
         raise ValueError(f"no {min(missing)}")
-    kind = attributes.get("type", b"deepscanline" if any_deep else b"scanlineimage")
+    (aspect,) = struct.unpack("<f", values.get("pixelAspectRatio", struct.pack("<f", 1.0)))
     return Header(
         index=index,
-        name=attributes.get("name", b"").decode("utf-8", "replace"),
-        channels=tuple(_channels(attributes["channels"])),
-        data=Window(*struct.unpack("<4i", attributes["dataWindow"])),
-        display=Window(*struct.unpack("<4i", attributes["displayWindow"])),
-        deep=kind.startswith(b"deep"),
-        pixel_aspect=struct.unpack("<f", attributes.get("pixelAspectRatio", _SQUARE))[0],
-        attributes={name: raw for name, raw in found.items() if name not in STRUCTURAL},
+        name=values.get("name", b"").decode("utf-8", "replace"),
+        channels=tuple(_channels(values["channels"])),
+        data=Window(*struct.unpack("<4i", values["dataWindow"])),
+        display=Window(*struct.unpack("<4i", values["displayWindow"])),
+        deep=values["type"].startswith(b"deep") if "type" in values else deep,
+        pixel_aspect=aspect,
+        attributes={name: raw for name, raw in attributes.items() if name not in STRUCTURAL},
     )
 
 
 def _channels(value: bytes) -> list[Channel]:
-    found = []
+    channels = []
     while not value.startswith(b"\0"):
         name, end, value = value.partition(b"\0")
         if not end:
@@ -226,6 +218,6 @@ def _channels(value: bytes) -> list[Channel]:
         kind, xs, ys = struct.unpack_from("<i4x2i", value)
         if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
             raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
-        found.append(Channel(name.decode(), PIXEL_TYPES[kind], subsampled=(xs, ys) != (1, 1)))
+        channels.append(Channel(name.decode(), PIXEL_TYPES[kind], subsampled=(xs, ys) != (1, 1)))
         value = value[16:]
-    return found
+    return channels

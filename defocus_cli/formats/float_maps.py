@@ -1,4 +1,4 @@
-"""Bare arrays of numbers as depth files: PFM and NPY.
+"""Depth files that are bare arrays of numbers: PFM and NPY.
 
 PFM (netpbm): ``Pf``, width, height, scale, then rows from bottom to top; a negative scale means
 little endian. OpenImageIO returns the rows upside down or not depending on how it is asked.

@@ -1,4 +1,4 @@
-"""Files that OpenImageIO decodes, of those it knows: PNG, JPEG, TIFF and HDR.
+"""PNG, JPEG, TIFF and HDR files, decoded by OpenImageIO.
 
 Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
 to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
@@ -134,7 +134,7 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
                 samples = _decoded(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
-                    problem = f"is truncated or damaged ({_first(path, file.geterror())})"
+                    problem = f"is truncated or damaged ({first_line(path, file.geterror())})"
                     raise InputError(path, problem, _AGAIN)
             yield _upright(spec, rows, samples)
     finally:
@@ -161,7 +161,7 @@ def _opened(path: Path, formats: str) -> Any:
     file = oiio.ImageInput.open(str(path), config)
     if not file:
         why = oiio.geterror()
-        told = "unknown format" if "format reader" in why else _first(path, why)
+        told = "unknown format" if "format reader" in why else first_line(path, why)
         problem = f"is not an image that can be read ({told})"
         raise InputError(path, problem, f"use {formats}")
     if file.format_name() not in _KINDS:
@@ -261,7 +261,7 @@ def _canonical(spec: Any) -> Iterator[str]:
             yield name
 
 
-def _first(path: Path, text: str) -> str:
+def first_line(path: Path, text: str) -> str:
     """First line of what OpenImageIO says, short enough for a message that names the file."""
     lines = text.replace(f' ("{path}")', "").strip().splitlines() or ["no reason given"]
     return one_line(lines[0]).rstrip(".")[:120]

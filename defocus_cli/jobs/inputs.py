@@ -1,4 +1,4 @@
-"""The pictures that a jobs file names, each with lens options of its own if it has any.
+"""The pictures that a jobs file names, with lens options of their own.
 
 ``[inputs]`` knows
   color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each

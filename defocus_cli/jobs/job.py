@@ -1,4 +1,4 @@
-"""A job: one picture, the lens that takes it, what to write and how to compute it.
+"""A job: one picture, the lens that takes it, what to write and how to render it.
 
 Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
 Nothing here opens a file.
@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
-from defocus_cli.jobs.quantities import Percentile, length_text
-
-if TYPE_CHECKING:
-    pass
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from defocus_cli.formats.kinds import MAP_KINDS, PREVIEW, SUFFIXES
+from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
+from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import Draw
 
 QUALITIES = ("draft", "standard", "high", "reference")
@@ -91,10 +87,20 @@ class Outputs:
     preview: bool = False
     overwrite: bool = False
 
+    @property
+    def rows(self) -> list[Kind]:
+        """The rows of the table of kinds, of what is written."""
+        return [KINDS[name] for name in self.kinds]
+
+    @property
+    def need_rendering(self) -> bool:
+        """Whether the signed radii are not enough for some kind."""
+        return any(kind.rendered for kind in self.rows)
+
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
         suffix = SUFFIXES[self.format]
-        names = {k: f"{k}/{stem}{'.exr' if k in MAP_KINDS else suffix}" for k in self.kinds}
+        names = {k.name: f"{k.name}/{stem}{suffix if k.image else '.exr'}" for k in self.rows}
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names

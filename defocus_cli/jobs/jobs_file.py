@@ -1,4 +1,4 @@
-"""Jobs files: the pictures of a batch, the lenses that take each, what to write and how.
+"""Jobs files: the pictures of a batch, the lenses that take each, and the outputs.
 
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`
@@ -118,7 +118,7 @@ def _kinds(found: Table) -> tuple[str, ...] | None:
     kinds = [str(kind).strip() for kind in kinds]
     for kind in kinds:
         if kind not in KINDS:
-            remedy = did_you_mean(kind, KINDS, f"choose from {', '.join(KINDS)}")
+            remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
             raise UsageProblem(found.place("kinds"), f"'{kind}' is not an output", remedy)
     return tuple(dict.fromkeys(kinds))
 

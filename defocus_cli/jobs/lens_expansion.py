@@ -1,4 +1,4 @@
-"""Which lenses take a picture: what ``[lens]``, a picture's own options, sweep and draws make.
+"""The lenses that take a picture: ``[lens]``, the picture's own options, sweep and draws.
 
 An option stands in one place, or it would be ignored in another; only a picture's own options win
 over ``[lens]``, and ``[lens]`` over the lens file that it names.

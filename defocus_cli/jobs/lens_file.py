@@ -1,4 +1,4 @@
-"""The lens asked for: options of the command line over those of a TOML file.
+"""The lens asked for: command-line options over those of a TOML file.
 
 A lens file holds the lens options under their names, with the units they have on the command line::
 

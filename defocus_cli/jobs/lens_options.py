@@ -1,4 +1,4 @@
-"""What a lens is told by: names of its options, how each is read and written.
+"""Lens options: their names, and how each is read and written.
 
 Files hold options as texts, ``{"focus": "2m"}``; `parsed` reads one. What goes into a file name is
 a short form of it, like ``focus2m``.

@@ -1,4 +1,4 @@
-"""Lists of pictures: CSV with a header line, or JSON Lines; a row for each picture."""
+"""Lists of pictures: CSV with a header line or JSON Lines, and file patterns."""
 
 from __future__ import annotations
 

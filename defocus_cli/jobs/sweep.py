@@ -1,4 +1,4 @@
-"""Sweeps: the lenses that a jobs file lists, each with the name that tells it from the others.
+"""Sweeps of a jobs file: a grid of lenses, each with a name of its own.
 
 ``[sweep]`` gives an option of the lens a list of values, or a range like ``0.5m..8m @ 12 in
 disparity``; several options make a grid. ``lenses`` lists sets of options that belong together. The

@@ -1,4 +1,4 @@
-"""TOML files, and tables in them whose every key must be known."""
+"""TOML files whose every key must be known."""
 
 from __future__ import annotations
 

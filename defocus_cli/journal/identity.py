@@ -1,4 +1,4 @@
-"""What makes a job the job it is: its recipe and the bytes of its inputs.
+"""The identity of a job: the hash of its settings and of the bytes of its inputs.
 
 The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
 kinds and types of outputs, quality, whether depth is repaired, the names of its files, and the
@@ -21,6 +21,7 @@ from functools import cache, lru_cache
 from hashlib import blake2b
 from importlib.util import find_spec
 from pathlib import Path
+from runpy import run_path
 from stat import S_ISREG
 from typing import Any
 
@@ -54,7 +55,7 @@ def settings(job: Job) -> dict[str, Any]:
 def recipe(job: Job) -> str:
     """The hash of all that decides the outputs of a job, but what its inputs hold."""
     names = {role: path.name for role, path in job.picture.files.items()}
-    return digest({"settings": settings(job), "names": names, "version": core_version()})
+    return digest({"settings": settings(job), "names": names, "renderer": renderer_version()})
 
 
 def name(recipe: str, inputs: Mapping[str, Stamp]) -> str:
@@ -69,17 +70,18 @@ def digest(value: object) -> str:
 
 
 @cache
-def core_version() -> str:
-    """The version of the package, and the hash of the renderer's sources.
+def renderer_version() -> int:
+    """The version of the renderer, read without importing the core, which would import torch."""
+    core = find_spec("defocus_core")
+    assert core is not None
+    assert core.origin is not None
+    constants = run_path(str(Path(core.origin).with_name("renderer_version.py")))
+    return int(constants["RENDERER_VERSION"])
 
-    A renderer that is being worked on keeps its version and changes its pictures.
-    """
-    found = find_spec("defocus_core")  # finds it without importing it
-    folders = (found.submodule_search_locations if found else None) or []
-    hashed = blake2b(digest_size=4)
-    for path in sorted(file for folder in folders for file in Path(folder).rglob("*.py")):
-        hashed.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    return f"{version()}+{hashed.hexdigest()}"
+
+def versions() -> dict[str, Any]:
+    """The versions of the package and of the renderer, as records have them."""
+    return {"version": version(), "renderer": renderer_version()}
 
 
 def stamp(path: Path) -> dict[str, Any]:

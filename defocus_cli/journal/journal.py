@@ -1,4 +1,4 @@
-"""The journal of OUT: a line of JSON for each job that came to an end, appended when it is durable.
+"""The journal of OUT: a durable JSON line for each job that ended.
 
 ``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
 of a batch did. Each record starts with its newline, so that a torn one cannot spoil the next; a
@@ -15,7 +15,7 @@ A record has
     outputs     kind, or kind.preview, to path relative to OUT; if ok, size, mtime_ns, blake2b, too
     lens        what it turned out to be, as `report.lens_record`; with size, coc_px, color_note,
                 depth_note, device and warnings, null if not ok
-    quality, version
+    quality, version (of the package), renderer (its version)
     seconds     of reading, rendering and writing; cpu, of rendering
     finished    when, UTC
 """

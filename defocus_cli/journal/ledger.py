@@ -1,4 +1,4 @@
-"""What the journals of OUT know: which job made which files, and what became of each job."""
+"""Lookup in the journals of OUT: which job made which files, and the last record of each job."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Ledger:
         """The records of what was made of which a job replaces some files and not all."""
         if not self.knows(job):
             return []
-        every = replace(job.outputs, kinds=KINDS, preview=True).names(job.sample_id)
+        every = replace(job.outputs, kinds=tuple(KINDS), preview=True).names(job.sample_id)
         own = set(job.names.values())
         others = {id(record): record for name in every.values() if (record := self._last.get(name))}
         return [

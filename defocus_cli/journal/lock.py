@@ -1,4 +1,4 @@
-"""One writer for a journal: a lock file beside it that says who holds it.
+"""The lock of a journal: one writer at a time, named in a file beside it.
 
 The lock is a lease of `filelock`. Its holder touches the file every second. A holder on this
 machine that runs no more loses the lock at once; any other loses it when it has not touched the

@@ -1,4 +1,4 @@
-"""Makes one journal of those of the shards of a batch."""
+"""One journal made of those of the shards of a batch."""
 
 from __future__ import annotations
 

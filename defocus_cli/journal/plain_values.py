@@ -1,4 +1,4 @@
-"""Jobs as plain values that JSON can hold, and back: what journals keep and workers are sent.
+"""Jobs as plain JSON values and back, for journals and workers.
 
 Fields that have their default are left out, so that a field that is new in a version changes
 nothing for jobs that do not use it. Infinity is the word ``inf``.

@@ -1,4 +1,4 @@
-"""How far the batch in OUT has come, as its journals say."""
+"""Progress of the batch in OUT, from its journals."""
 
 from __future__ import annotations
 

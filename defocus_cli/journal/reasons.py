@@ -1,4 +1,4 @@
-"""Why a job made nothing: the closed list of codes that journals and `defocus status` speak in.
+"""Reason codes of failed and rejected jobs: a closed list.
 
 A job is ``rejected`` where the picture cannot be taken as asked: trying again does not change that.
 It has ``failed`` where something went wrong.

@@ -1,4 +1,4 @@
-"""Jobs made of what the journal has of them."""
+"""Jobs rebuilt from their journal records."""
 
 from __future__ import annotations
 

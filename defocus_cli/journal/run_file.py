@@ -1,4 +1,4 @@
-"""What a run set out to do, kept beside the journal until it is done: ``OUT/.journal.run``.
+"""The plan of a run in progress, ``OUT/.journal.run``, kept until the run is done.
 
 Its first line says how many jobs there are; each further line names files that a job is about to
 write. A process that is killed between writing them and saying so in the journal leaves them here:

@@ -14,8 +14,8 @@ from defocus_cli.batch.execution import Execute
 from defocus_cli.jobs.job import Job, Machine
 from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.journal.journal import Shard
-from defocus_cli.options.shared import Command, cores, machine_option, memory_options
-from defocus_cli.options.types import Quantity, option_name
+from defocus_cli.options.shared import cores, machine_option, memory_options
+from defocus_cli.options.types import Command, Quantity, option_name
 from defocus_cli.rendering import memory_budget
 from defocus_cli.system import memory
 from defocus_cli.system.errors import UsageProblem

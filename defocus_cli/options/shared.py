@@ -1,40 +1,40 @@
 """Options that commands share, bundled: a command receives one object for each group.
 
-``@lens_options`` adds ``--focal-length``, ``--fnumber``, … and hands the command ``lens: Lens``.
+``@reading_options`` adds ``--depth-unit``, … and hands the command ``reading: Reading``.
 """
 
 from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import KINDS
+from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import (
     DEPTH_REPAIRS,
     DEPTH_UNITS,
     DEVICES,
     QUALITIES,
     TILES,
-    Lens,
     Machine,
     Outputs,
     Reading,
 )
-from defocus_cli.jobs.lens_file import make_lens
-from defocus_cli.jobs.lens_options import PARSERS
 from defocus_cli.jobs.quantities import byte_count, pixel_count
-from defocus_cli.options.types import FilePath, Format, GroupedOption, Kinds, Quantity
+from defocus_cli.options.types import (
+    Command,
+    Decorator,
+    FilePath,
+    Format,
+    Kinds,
+    Quantity,
+    bundle,
+    grouped_option,
+)
 from defocus_cli.system.errors import UsageProblem
-
-Command = Callable[..., Any]
-Decorator = Callable[[Command], Command]
-# Those of defocus_core, which takes seconds to import.
 
 
 def cores() -> int:
@@ -44,21 +44,10 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def lens_options(*, required: bool) -> Decorator:
-    """Hand a command ``lens``: a Lens, or None if none was asked for and none is required."""
-
-    def make(lens_file: Path | None, **values: Any) -> Lens | None:
-        flags = {name.replace("_", "-"): value for name, value in values.items()}
-        asked = lens_file is not None or any(value is not None for value in flags.values())
-        return make_lens(flags, lens_file) if required or asked else None
-
-    return _bundle("lens", make, [*map(_lens_option, _LENS_HELP), _lens_file_option()])
-
-
 def reading_options(command: Command) -> Command:
     """Hand a command ``reading``: what to take from the input files."""
-    option = functools.partial(_option, "Files")
-    return _bundle(
+    option = functools.partial(grouped_option, "Files")
+    return bundle(
         "reading",
         Reading,
         [
@@ -81,7 +70,7 @@ def reading_options(command: Command) -> Command:
 
 def hidden_option(command: Command) -> Command:
     """Hand a command ``hidden``: colour and depth behind the visible surface, or None."""
-    return _option(
+    return grouped_option(
         "Files",
         "--hidden",
         nargs=2,
@@ -95,8 +84,8 @@ def hidden_option(command: Command) -> Command:
 
 def output_options(command: Command) -> Command:
     """Hand a command ``outputs``: what to write, and where."""
-    option = functools.partial(_option, "Output")
-    return _bundle(
+    option = functools.partial(grouped_option, "Output")
+    return bundle(
         "outputs",
         _outputs,
         [
@@ -123,7 +112,7 @@ def output_options(command: Command) -> Command:
                 type=Format(),
                 default="exr",
                 show_default=True,
-                help="Type of the images; coc, disparity and trust are always float EXR.",
+                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float EXR.",
             ),
             option(
                 "--exr-type",
@@ -150,7 +139,7 @@ def _outputs(*, exr_type: str | None, **others: Any) -> Outputs:
 
 def machine_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute."""
-    return _bundle("machine", _machine, _computing())(command)
+    return bundle("machine", _machine, _computing())(command)
 
 
 def rendering_options(command: Command) -> Command:
@@ -172,7 +161,7 @@ def rendering_options(command: Command) -> Command:
         "off takes it as it is given.",
     )
     options = [quality, tolerance, depth_repair, *others, *memory_options()]
-    return _bundle("machine", _machine, options)(command)
+    return bundle("machine", _machine, options)(command)
 
 
 def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
@@ -227,7 +216,7 @@ def memory_options() -> list[Decorator]:
 
 def machine_option(*names: str, **settings: Any) -> Decorator:
     """An option that help shows beside those of `machine_options`."""
-    return _option("Machine", *names, **settings)
+    return grouped_option("Machine", *names, **settings)
 
 
 def check_inputs_option(command: Command) -> Command:
@@ -244,69 +233,16 @@ def check_inputs_option(command: Command) -> Command:
 def json_option(command: Command) -> Command:
     """Hand a command ``as_json``."""
     text = "Print one JSON document on stdout."
-    return _option("Options", "--json", "as_json", is_flag=True, help=text)(command)
+    return grouped_option("Options", "--json", "as_json", is_flag=True, help=text)(command)
 
 
 def verbose_option(command: Command) -> Command:
     """Hand a command ``verbose``."""
     text = "Say more, on stderr."
-    return _option("Options", "-v", "--verbose", is_flag=True, help=text)(command)
+    return grouped_option("Options", "-v", "--verbose", is_flag=True, help=text)(command)
 
 
 def stats_option(command: Command) -> Command:
     """Hand a command ``stats``."""
     text = "Say what was computed and what was skipped, on stderr; --json always tells it."
-    return _option("Options", "--stats", is_flag=True, help=text)(command)
-
-
-_LENS_HELP = {
-    "focal-length": ("LENGTH", "Focal length, like 50mm."),
-    "fnumber": ("N", "F-number, like 1.4."),
-    "aperture-diameter": ("LENGTH", "Diameter of the opening; instead of --fnumber."),
-    "sensor-width": ("LENGTH", "Width of the sensor.  [default: 36mm]"),
-    "focus": (
-        "DISTANCE",
-        "Distance in focus, like 2m or inf; or percentile(50) of the depth.",
-    ),
-    "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
-    "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
-    "blade-rotation": (
-        "DEG",
-        "Where a vertex of the polygon points, counter-clockwise from +x as seen in the image, "
-        "for points beyond the focus.",
-    ),
-}
-
-
-def _lens_option(name: str) -> Decorator:
-    metavar, text = _LENS_HELP[name]
-    kind = Quantity(PARSERS[name], metavar)
-    return _option("Lens", f"--{name}", type=kind, metavar=metavar, help=text)
-
-
-def _lens_file_option() -> Decorator:
-    text = 'File of lens options, like focal-length = "50mm"; what is given beside it wins.'
-    kind = FilePath()
-    return _option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)
-
-
-def _option(heading: str, *names: str, **settings: Any) -> Decorator:
-    return click.option(*names, cls=GroupedOption, heading=heading, **settings)
-
-
-def _bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
-    """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
-
-    def decorate(command: Command) -> Command:
-        @functools.wraps(command)
-        def call(*args: Any, **params: Any) -> Any:
-            values = {key: params.pop(key) for key in keys}
-            return command(*args, **{name: make(**values)}, **params)
-
-        optioned: Any = call
-        for option in reversed(options):
-            optioned = option(optioned)
-        keys = [param.name for param in optioned.__click_params__[-len(options) :]]
-        return call
-
-    return decorate
+    return grouped_option("Options", "--stats", is_flag=True, help=text)(command)

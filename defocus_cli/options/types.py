@@ -1,7 +1,8 @@
-"""What options take, like quantities and kinds of output, and how errors name an option."""
+"""Types of option values, options grouped under headings, and the names of options in errors."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from itertools import takewhile
 from pathlib import Path
@@ -16,6 +17,9 @@ from defocus_cli.formats.kinds import (
 )
 from defocus_cli.jobs import quantities
 from defocus_cli.system.errors import UsageProblem
+
+Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
 
 
 def option_name(param: click.Parameter | None) -> str:
@@ -176,3 +180,26 @@ class GroupedCommand(click.Command):
         for heading, records in sections.items():
             with formatter.section(heading):
                 formatter.write_dl(records)
+
+
+def grouped_option(heading: str, *names: str, **settings: Any) -> Decorator:
+    """An option that help shows under a heading."""
+    return click.option(*names, cls=GroupedOption, heading=heading, **settings)
+
+
+def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
+    """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
+
+    def decorate(command: Command) -> Command:
+        @functools.wraps(command)
+        def call(*args: Any, **params: Any) -> Any:
+            values = {key: params.pop(key) for key in keys}
+            return command(*args, **{name: make(**values)}, **params)
+
+        optioned: Any = call
+        for option in reversed(options):
+            optioned = option(optioned)
+        keys = [param.name for param in optioned.__click_params__[-len(options) :]]
+        return call
+
+    return decorate

@@ -1,4 +1,4 @@
-"""How much work this machine does in a second: measured once, and kept.
+"""The rendering rate of this machine, measured once and kept.
 
 One picture that is made for it is rendered. The rate is kept in ``$XDG_CACHE_HOME/defocus`` or
 ``~/.cache/defocus``, for one version of defocus and of PyTorch, one device and one number of

@@ -1,8 +1,7 @@
-"""Writes what a job made: all files of a picture, or none."""
+"""The files of a rendered job, all written or none."""
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -20,22 +19,21 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from defocus_cli.formats.color import Color
+    from defocus_cli.formats.kinds import Kind
     from defocus_cli.jobs.job import Outputs
     from defocus_cli.rendering.outcome import Outcome
 
-DISPARITY_PER_RADIUS = 8 / (3 * math.pi)  # distance of the centroids of two half discs
 
+class _OfRadius:
+    """A map that is computed from the signed radii [H, W], a few rows at a time."""
 
-class _Scaled:
-    """An array [H, W], times a factor."""
-
-    def __init__(self, whole: Any, factor: float) -> None:
-        self._whole, self._factor = whole, factor
-        self.shape, self.dtype = whole.shape, whole.dtype
+    def __init__(self, radius: Any, kind: Kind) -> None:
+        self._radius, self._kind = radius, kind
+        self.shape, self.dtype = radius.shape, radius.dtype
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
-        found: NDArray[Any] = self._whole[rows] * self._factor
-        return found
+        values: NDArray[Any] = self._kind.compute(self._radius[rows])
+        return values
 
 
 def deliver(
@@ -50,7 +48,7 @@ def deliver(
     Args:
         color: what was read, with the metadata and further channels to carry along.
         radius: signed CoC radius in px, [H, W].
-        images: kind to C arrays [H, W] of linear pixels, and trust to one.
+        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
         clamped: how many pixels of a kind were clamped to be half.
         outcome: what the header of an EXR tells about the job.
 
@@ -61,43 +59,42 @@ def deliver(
         InputError: a file cannot be written.
     """
     from defocus_cli.formats.encode import write_image, write_map
-    from defocus_cli.rendering.preview import write_coc_preview, write_preview
+    from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
     outputs = outcome.job.outputs
     paths, previews = outcome.job.paths, outcome.job.previews
-    maps = {"coc": radius, "disparity": _Scaled(radius, DISPARITY_PER_RADIUS)}
-    if "trust" in images:
-        maps["trust"] = images["trust"][0]
     warnings: list[str] = []
     with _all_or_nothing(outputs) as written:
-        for kind, path in paths.items():
+        for kind in outputs.rows:
+            path, preview = paths[kind.name], previews.get(kind.name)
+            planes = images[kind.name] if kind.rendered else (_OfRadius(radius, kind),)
             written.begin(path)
             attributes = _attributes(outcome, kind)
-            if kind not in maps:
+            if kind.image:
                 lost = write_image(
                     path,
-                    Stack(images[kind]),
+                    Stack(planes),
                     color.channels,
                     exr_type=outputs.exr_type,
                     bits=16 if outputs.format == "png16" else 8,
                     attributes={**color.attributes, **attributes},
                     extras=color.extras,
                     corner=color.corner,
-                    clamped=clamped.get(kind, 0),
+                    clamped=clamped.get(kind.name, 0),
                 )
-                warnings += [f"{kind}: {warning}" for warning in lost]
+                warnings += [f"{kind.name}: {warning}" for warning in lost]
             else:
-                write_map(path, maps[kind], kind, attributes=attributes, corner=color.corner)
+                write_map(path, planes[0], kind.name, attributes=attributes, corner=color.corner)
             written.placed(path)
-            if kind in previews:
-                written.begin(previews[kind])
-                if kind in images:
-                    write_preview(previews[kind], Stack(images[kind]))
+            if preview is not None:
+                written.begin(preview)
+                if kind.signed_preview:
+                    write_signed_preview(preview, planes[0])
                 else:
-                    write_coc_preview(previews[kind], maps[kind])
-                written.placed(previews[kind])
+                    write_preview(preview, Stack(planes))
+                written.placed(preview)
         written.sync()
-    if outputs.format == "exr" and set(images) - {"trust"}:
+    if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
         warnings += color.left_out
     return tuple(warnings)
 
@@ -187,17 +184,17 @@ def _all_or_nothing(outputs: Outputs) -> Iterator[_Replaced]:
     replaced.forget()
 
 
-def _attributes(outcome: Outcome, kind: str) -> dict[str, str]:
+def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
     """What an EXR output says of itself: no directory and no time, so that its bytes are fixed."""
     job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
     values = {
         "version": version(),
-        "kind": kind,
+        "kind": kind.name,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,
         "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
         "color_read_as": outcome.color_note,
-        "depth_read_as": outcome.depth_told(kind),
+        "depth_read_as": outcome.depth_told(rendered=kind.rendered),
         "focal_length": length_text(lens.foclen, 9),
         "fnumber": f"{lens.fnum:.9g}",
         "sensor_width": length_text(lens.sensor_width, 9),

@@ -1,4 +1,4 @@
-"""What a lens is once the depth is known: where its focus lies, and how large its blur gets.
+"""The lens once the depth is known: its focus distance, its CoC, and the quality it asks for.
 
 A lens that was drawn at random and does not suit the picture is drawn again, `ATTEMPTS` times in
 all.

@@ -1,4 +1,4 @@
-"""What rendering will take: work, seconds and memory, from the inputs and from this machine."""
+"""Forecast of a job: work, seconds and memory, before it is rendered."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import RENDERED_KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.calibration import work_per_second
 from defocus_cli.rendering.memory_budget import base_mb
@@ -73,7 +72,7 @@ def forecasts(
     job_steps.load()
     device = job_steps.choose_device(jobs[0].machine.device)
     rate = 0.0
-    if any(_renders(job) for job in jobs):
+    if any(job.outputs.need_rendering for job in jobs):
         rate = work_per_second(device, jobs[0].machine.threads)
     found = {}
     for number in _some(len(jobs)):
@@ -92,10 +91,6 @@ def _some(jobs: int) -> Sequence[int]:
     return [k * (jobs - 1) // (MOST_READ - 1) for k in range(MOST_READ)]
 
 
-def _renders(job: Job) -> bool:
-    return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
-
-
 def _forecast(job: Job, device: str, rate: float) -> Forecast:
     from defocus_cli.rendering import job_steps
     from defocus_cli.rendering.render_picture import stream_of
@@ -108,7 +103,7 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     held = loaded.holding
     found, seconds, repair_note = None, 0.0, ""
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
-    if _renders(job):
+    if job.outputs.need_rendering:
         stream = stream_of(loaded, radius, outcome)
         found = cost(stream)
         seconds, peak = found.work / rate, peak_mb(job, stream, held, device)

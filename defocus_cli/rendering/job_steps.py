@@ -1,4 +1,4 @@
-"""The steps of a job: read, compute, write. What is written has been computed to its end."""
+"""The three steps of a job: read its inputs, compute its pictures, write them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import RENDERED_KINDS
 from defocus_cli.jobs.job import Job, Picture, Reading
 from defocus_cli.rendering.focusing import focused, quality_of, radius_map
 from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
@@ -35,7 +34,7 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     color, depth = read(picture, job.reading, held.keeping)
-    if picture.hidden is None or not needs_hidden(job):
+    if picture.hidden is None or not job.outputs.need_rendering:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping)
     if behind.shape != color.shape:
@@ -46,11 +45,6 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"is {told} but the picture is {wanted}"
         raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
     return Loaded(held, color, depth, (behind, behind_depth))
-
-
-def needs_hidden(job: Job) -> bool:
-    """Whether a job renders, and so looks at what lies behind."""
-    return bool(set(job.outputs.kinds) & set(RENDERED_KINDS))
 
 
 def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None) -> Made:
@@ -66,7 +60,7 @@ def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | Non
         UsageProblem: the options make no sense for this picture or machine.
     """
     outcome, radius = looked_at(job, loaded)
-    if not needs_hidden(job):
+    if not job.outputs.need_rendering:
         return Made(outcome, loaded.color, radius, {}, {})
     return rendered(loaded, radius, outcome, progress)
 

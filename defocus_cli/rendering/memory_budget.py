@@ -1,9 +1,9 @@
-"""How much memory a process may take, and what of a picture is held in it. All in MB.
+"""The memory budget of a process, and its share for the arrays of pictures. All in MB.
 
 What a process may take beyond itself is shared by the arrays of pictures and by what is computed.
-A picture whose arrays fit into half of that is held as it is read and made; two more, the one that
-is read and the one that is written meanwhile, are held beside it as long as they fit into that
-half. A larger picture is kept in scratch files, and the process has no other meanwhile.
+A picture whose arrays fit into half of that is held as it is read and made. Two more, the one that
+is read and the one that is written meanwhile, are held beside it as long as all take a quarter at
+most. A larger picture is kept in scratch files, and the process has no other meanwhile.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from defocus_cli.formats.kinds import IMAGE_KINDS, RENDERED_KINDS
 from defocus_cli.jobs.job import Job, Machine, Picture
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Keeping
@@ -25,8 +24,9 @@ if TYPE_CHECKING:
 
 # Of what is available, what a process takes unless it is told.
 SHARE = 0.8
-# Of what it may take beyond itself, what the arrays of pictures may take, and how many pictures.
-_FOR_ARRAYS, _PICTURES = 0.5, 3
+# Of what it may take beyond itself, what the arrays of one picture may take, and of some together;
+# how many these are.
+_FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
 # What strips take at most.
 _STRIPS_MB = 168.0
 # By which what one process takes for itself differs from what the next does.
@@ -75,7 +75,7 @@ def holding(job: Job) -> Holding:
 
 def _beside_each_other_mb(arrays_mb: float, room_mb: float) -> float:
     """What the arrays of pictures may take that are read, computed and written at one time."""
-    return min(_FOR_ARRAYS * room_mb, _PICTURES * arrays_mb)
+    return min(max(arrays_mb, _FOR_PICTURES * room_mb), _PICTURES * arrays_mb)
 
 
 def strips_mb(arrays_mb: float) -> float:
@@ -90,7 +90,8 @@ def enough_mb(job: Job, needed_mb: float) -> float:
     # Rounded up, it must still be one with which the arrays lie in scratch files.
     if capacity_mb(job.machine) < in_scratch and 1.05 * in_scratch + 20 < arrays / _FOR_ARRAYS:
         return base_mb() + in_scratch + _SPARE_MB
-    beside = min(_PICTURES * arrays, needed_mb * _FOR_ARRAYS / (1 - _FOR_ARRAYS))
+    shared = needed_mb * _FOR_PICTURES / (1 - _FOR_PICTURES)
+    beside = min(max(arrays, shared), _PICTURES * arrays)
     return base_mb() + max(arrays / _FOR_ARRAYS, needed_mb + beside) + _SPARE_MB
 
 
@@ -119,13 +120,12 @@ def base_mb() -> float:
 def _sizes(job: Job) -> tuple[float, float]:
     """MB of the arrays of a job, and of its files that can only be decoded at once."""
     pixels, per_pixel, whole, channels = _inputs(job.picture)
-    kinds, half = job.outputs.kinds, _half(job)
-    if set(kinds) & set(RENDERED_KINDS):
+    outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
+    if outputs.need_rendering:
         if job.picture.hidden is not None:
             _, behind, whole_behind, _ = _inputs(job.picture.hidden)
             per_pixel, whole = per_pixel + behind + _FLOAT + 1, max(whole, whole_behind)
-        per_pixel += sum(kind in IMAGE_KINDS for kind in kinds) * channels * (2 if half else _FLOAT)
-        per_pixel += _FLOAT * ("trust" in kinds)
+        per_pixel += sum(kind.memory_bytes(channels, sample) for kind in outputs.rows)
     return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB
 
 
@@ -176,7 +176,7 @@ class Gate:
         """Wait until there is room for the picture of a job."""
         arrays, room = _sizes(job)[0], capacity_mb(job.machine)
         limit = _beside_each_other_mb(arrays, room)
-        need = min(arrays, _FOR_ARRAYS * room)  # in scratch, it wants all to itself
+        need = limit if arrays > _FOR_ARRAYS * room else arrays  # in scratch, it is alone
         with self._changed:
             self._changed.wait_for(
                 lambda: self._opened or not self._held or sum(self._held.values()) + need <= limit

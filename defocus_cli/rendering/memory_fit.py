@@ -1,4 +1,4 @@
-"""Whether rendering fits into memory: how many regions at once, or what to do about it."""
+"""How many regions of a picture fit into memory at once, or what to do about it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.job import Job
-from defocus_cli.rendering.memory_budget import base_mb, enough_mb
+from defocus_cli.rendering.memory_budget import base_mb, enough_mb, limit_mb
 from defocus_cli.system import memory
 from defocus_cli.system.errors import TooLarge
 
@@ -53,7 +53,7 @@ def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> 
     raise TooLarge(
         job.picture.color,
         f"needs {_sum(base_mb(), holding.files_mb, least)} to render, "
-        f"but {base_mb() + holding.files_mb + room:.0f} MB are allowed",
+        f"but {min(limit_mb(job.machine), base_mb() + holding.files_mb + room):.0f} MB are allowed",
         _remedy(job, least, threads > 1 and needed(1, 1) <= room, device),
     )
 

@@ -1,4 +1,4 @@
-"""What the steps of a job hand on: what was decoded, what was computed, and what became of it."""
+"""What the steps of a job pass on: decoded inputs, computed pictures, the outcome."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import RENDERED_KINDS
 from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.memory_budget import Holding
 
@@ -35,9 +34,9 @@ class Outcome:
     stats: Mapping[str, float] = field(default_factory=dict)
     repair_note: str = ""  # what was done to it before it was rendered
 
-    def depth_told(self, kind: str = RENDERED_KINDS[0]) -> str:
+    def depth_told(self, *, rendered: bool = True) -> str:
         """How the depth of an output was understood; maps of radii show it as it was given."""
-        repair_note = self.repair_note if kind in RENDERED_KINDS else ""
+        repair_note = self.repair_note if rendered else ""
         return "; ".join(filter(None, (self.depth_note, repair_note)))
 
 
@@ -59,7 +58,7 @@ class Made:
         outcome: how.
         color: what it was made of, for the metadata and further channels to carry along.
         radius: signed CoC radius in px, [H, W].
-        images: kind to C arrays [H, W] of linear pixels, and trust to one.
+        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
         clamped: how many pixels of a kind were clamped to be half.
     """
 

@@ -34,10 +34,10 @@ def write_preview(path: Path, pixels: Any) -> None:
     write_samples(path, pixels.shape[:2], encoded, "png", {})
 
 
-def write_coc_preview(path: Path, radius: Any) -> None:
-    """Write signed CoC radii [H, W] in a diverging map: orange near, white in focus, blue far.
+def write_signed_preview(path: Path, radius: Any) -> None:
+    """Write signed CoC radii, or another signed map, [H, W]: orange near, white at 0, blue far.
 
-    The map is symmetric about 0; full colour is the largest finite |radius|.
+    The colours are symmetric about 0; full colour is the largest finite |radius|.
 
     Raises:
         InputError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""Renders a picture: from its arrays, wherever they are, to arrays of what was asked for."""
+"""A picture rendered from its arrays to arrays of each kind of output."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import IMAGE_KINDS
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import image_type
@@ -109,7 +109,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
         Windows([radius], device, lone=True),
         aperture=Aperture(lens.blades, lens.blade_rotation),
         quality=outcome.quality,
-        left_right=bool({"left", "right"} & set(job.outputs.kinds)),
+        left_right=any(kind.halves for kind in job.outputs.rows),
         hidden=None if loaded.behind is None else _behind(loaded, outcome),
         threads=job.machine.threads,
         tile=tile or job.machine.tile,
@@ -123,7 +123,7 @@ class _Images:
     """The images of a job while they are being made.
 
     Attributes:
-        planes: kind to C arrays [H, W], trust to one.
+        planes: each rendered kind's arrays [H, W]: C of an image, one of a map.
         clamped: how many pixels of a kind were clamped to be half.
     """
 
@@ -131,11 +131,11 @@ class _Images:
         height, width, channels = loaded.color.shape
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
-        for kind in (*IMAGE_KINDS, "trust"):
-            if kind not in job.outputs.kinds:
+        for kind in job.outputs.rows:
+            if not kind.rendered:
                 continue
-            count, dtype = (1, "float32") if kind == "trust" else (channels, image_type(job))
-            self.planes[kind] = tuple(
+            count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
+            self.planes[kind.name] = tuple(
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
@@ -149,7 +149,7 @@ class _Images:
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = fetched(getattr(part, kind)).reshape(len(planes), height, width)
+            pixels = fetched(KINDS[kind].compute(part)).reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 if beyond.any():

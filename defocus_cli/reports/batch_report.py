@@ -1,4 +1,4 @@
-"""What is told of a batch while it runs and when it has ended: a bar on a terminal, and words."""
+"""The report of a batch: a progress bar while it runs, words when it has ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a dry run tells: what would be read and written, how long it takes and how much space."""
+"""The report of a dry run: inputs, outputs, seconds, memory and disk space."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.batch.plan import Plan
-from defocus_cli.formats.kinds import MAP_KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.reports import job_report
 from defocus_cli.system import console
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
 _PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
-_MAP_BYTES, _PREVIEW_BYTES = 2.4, 1.5
+_PREVIEW_BYTES = 1.5
 
 
 def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
@@ -138,5 +137,5 @@ def _bytes(plan: Plan, found: Sequence[Forecast]) -> float:
         return float(pixels * written / pixels_done)
     outputs = plan.todo[0][0].outputs
     image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
-    each = (_MAP_BYTES if kind in MAP_KINDS else image for kind in outputs.kinds)
+    each = (image if kind.image else kind.file_bytes for kind in outputs.rows)
     return pixels * (sum(each) + outputs.preview * len(outputs.kinds) * _PREVIEW_BYTES)

@@ -1,4 +1,4 @@
-"""What is in a file, as ``defocus info`` tells it."""
+"""The contents of a file and how it would be read, as ``defocus info`` finds them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from defocus_cli.formats.kinds import MAP_KINDS
+from defocus_cli.formats.kinds import KINDS, MAPS, Kind
 from defocus_cli.jobs.job import Lens, Reading
 from defocus_cli.system.errors import InputError
 
@@ -47,8 +47,8 @@ class DepthFound:
 class MapFound:
     """A map that ``defocus render`` wrote."""
 
-    kind: str  # of `MAP_KINDS`
-    range: tuple[float, float] | None  # in px, shares for trust; None where no pixel is finite
+    kind: Kind
+    range: tuple[float, float] | None  # in the unit of the kind; None where no pixel is finite
 
 
 @dataclass(frozen=True)
@@ -165,14 +165,14 @@ def _maps(info: FileInfo) -> tuple[MapFound, ...]:
 
     from defocus_cli.formats.exr import read_parts
 
-    if not any(name in MAP_KINDS for part in info.parts for name, _ in part.channels):
+    if not any(name in MAPS for part in info.parts for name, _ in part.channels):
         return ()
     found = []
     for part in read_parts(info.path):
-        for kind in [name for name in MAP_KINDS if name in part.channels]:
+        for kind in [name for name in MAPS if name in part.channels]:
             finite = part.channels[kind][np.isfinite(part.channels[kind])]
             reach = (float(finite.min()), float(finite.max())) if finite.size else None
-            found.append(MapFound(kind, reach))
+            found.append(MapFound(KINDS[kind], reach))
     return tuple(found)
 
 

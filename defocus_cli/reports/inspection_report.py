@@ -1,4 +1,4 @@
-"""What ``defocus info`` tells of a file, in a JSON document and in words."""
+"""The report of ``defocus info``, as JSON and in words."""
 
 from __future__ import annotations
 
@@ -10,13 +10,6 @@ from defocus_cli.system.console import counted
 
 if TYPE_CHECKING:
     from defocus_cli.reports.inspection import DepthFound, Inspection, MapFound
-
-_MAP_WORDS = {
-    "coc": "CoC map (signed radius, negative nearer than the focus)",
-    "disparity": "disparity map (between left and right, signed like the CoC)",
-    "trust": "trust map (share of the lens that saw what the picture holds)",
-}
-_MAP_UNITS = {"coc": " px", "disparity": " px", "trust": ""}
 
 
 def record(found: Inspection) -> dict[str, Any]:
@@ -54,8 +47,8 @@ def record(found: Inspection) -> dict[str, Any]:
 
 
 def _map_record(shown: MapFound) -> dict[str, Any]:
-    unit = _MAP_UNITS[shown.kind].strip()
-    return {"kind": shown.kind, f"range_{unit}" if unit else "range": shown.range}
+    unit = shown.kind.unit
+    return {"kind": shown.kind.name, f"range_{unit}" if unit else "range": shown.range}
 
 
 def lines(found: Inspection) -> Iterator[str]:
@@ -69,8 +62,8 @@ def lines(found: Inspection) -> Iterator[str]:
     for shown in found.maps:
         reach = "no finite pixel"
         if shown.range is not None:
-            reach = f"{shown.range[0]:.2f} to {shown.range[1]:.2f}{_MAP_UNITS[shown.kind]}"
-        yield f"  {_MAP_WORDS[shown.kind]}: {reach}"
+            reach = f"{shown.range[0]:.2f} to {shown.range[1]:.2f} {shown.kind.unit}".rstrip()
+        yield f"  {shown.kind.title}: {reach}"
     if found.maps and found.color is None and found.depth is None:
         return
     if found.color is None:

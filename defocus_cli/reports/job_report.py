@@ -1,4 +1,4 @@
-"""What commands tell: words and a progress bar on stderr, one JSON document on stdout."""
+"""The report of a rendered job: a progress bar, a line of words, a JSON record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rendering a picture took and what it skipped, for people: `Views.stats` as lines."""
+"""Counts of the work of a rendering, `Views.stats`, as lines for people."""
 
 from __future__ import annotations
 

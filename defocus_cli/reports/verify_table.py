@@ -1,4 +1,4 @@
-"""What ``defocus verify`` tells: a table for people, a record for scripts."""
+"""The report of ``defocus verify``: a table for people, a record for scripts."""
 
 from __future__ import annotations
 

@@ -8,19 +8,12 @@ from contextlib import suppress
 from errno import ENOSPC
 from functools import cache
 from importlib import metadata
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from defocus_cli.system.errors import InputError, printable, reason
 from defocus_cli.system.safe_files import spoken
-
-if TYPE_CHECKING:
-    pass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
 
 
 @cache

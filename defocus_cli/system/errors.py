@@ -1,4 +1,4 @@
-"""What a user did wrong, said in one line: ``defocus: SUBJECT: problem; remedy``.
+"""Errors of the user, in one line: ``defocus: SUBJECT: problem; remedy``.
 
 Exit codes: 1 if a part of a batch failed, 2 for a command line that makes no sense, 3 for a file
 that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
@@ -6,14 +6,9 @@ that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    pass
-
 import unicodedata
 from difflib import get_close_matches
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 import click
 

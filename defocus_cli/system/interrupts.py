@@ -1,4 +1,4 @@
-"""What ends a run from outside: Ctrl-C, and the signals by which a system ends processes.
+"""Ctrl-C, and the signals that end a process.
 
 Ctrl-C pressed once finishes what has been begun; pressed again, it stops all. SIGTERM and SIGHUP
 stop all at once, as who sends them may not wait: nothing half-written is left.

@@ -1,4 +1,4 @@
-"""What this process holds of memory, what it held at most, and what it may still take. In MB.
+"""Memory of this process: held now, its peak, and what is available. In MB.
 
 A megabyte is a million bytes, as in sizes on the command line.
 """

@@ -1,4 +1,4 @@
-"""How this process is set up to render: its threads, and what becomes of memory set free.
+"""Settings of a process that renders: torch threads, the allocator, garbage collection.
 
 Threads work on tiles, torch itself uses one: its own threads inside each would only wait for one
 another. The interpreter is handed on more often than usual: steps of a tile are short, and a thread

@@ -1,4 +1,4 @@
-"""The door every file passes: checked before a decoder sees it, written whole or not at all.
+"""Files checked before a decoder sees them, and written whole or not at all.
 
 Decoders written in C print whatever they like on the process's stdout and stderr; `quiet` keeps
 that from data on stdout and from the one line a user is promised on stderr.

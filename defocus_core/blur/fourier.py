@@ -1,4 +1,4 @@
-"""Blur of slices by their kernels: spectra of kernels, windows around a tile, crops.
+"""Fourier blur: sampled kernels, their spectra, and transform sizes.
 
 A tile is blurred within a window that its radius needs. The window is as long as a fast transform
 wants it, at least tile + 2 reach, so that what wraps around falls outside the tile.

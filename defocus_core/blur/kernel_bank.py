@@ -1,4 +1,4 @@
-"""The transforms in which slices are blurred: windows around a tile, and spectra of kernels."""
+"""The kernel bank: Fourier windows of slices, and the spectra of their kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slices of a surface blurred over a tile, and summed to layers while still transformed."""
+"""Slices of a surface blurred over a tile, and summed to layers in the Fourier domain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the parts of the aperture see of a tile, as surfaces are added from front to back."""
+"""What each part of the aperture sees of a tile, as surfaces are added front to back."""
 
 from __future__ import annotations
 

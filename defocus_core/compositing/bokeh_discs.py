@@ -1,4 +1,4 @@
-"""Discs of highlights, drawn by their rims and clipped by what stands before them.
+"""Discs of highlights: drawn by their rims, and clipped by nearer surfaces.
 
 Along a row of pixels a kernel changes only at its rim. So its changes are added up where a disc
 begins and ends, and summed along rows at the end: a disc costs what its rim does, not what its

@@ -1,4 +1,4 @@
-"""What of the light of single pixels is stopped by surfaces before them.
+"""Occlusion of a highlight's disc by the surfaces before it.
 
 Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
 radius r_k in front of it at q + u (r_q - r_k). Squares of a disc before which nothing can stand

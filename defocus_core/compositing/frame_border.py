@@ -1,4 +1,4 @@
-"""How much of the aperture looks at the frame, and not past its borders.
+"""The share of the aperture that sees the frame rather than past its border.
 
 Beyond the frame a surface goes on, unseen. The share of the aperture that sees it there is not free
 for what lies behind.

@@ -1,4 +1,4 @@
-"""The few brightest pixels, which are told from what surrounds them.
+"""Highlights: the few brightest pixels, taken apart from the picture.
 
 Almost all energy of a scene with lights is in few pixels. Layers would fade the discs that a wire
 before them clips, and a transform would spread rounding noise of 1e-7 of their brightness over

@@ -1,4 +1,4 @@
-"""Front to back: what covers what, and what fills the rest.
+"""The saturating sum: layers composited front to back by coverage.
 
 Coverage is the share of an aperture part that sees a slice. Slices of one continuous surface have
 complementary coverage and must add up; separate surfaces must occlude. The saturating sum does

@@ -1,4 +1,4 @@
-"""Depth in few levels, made smooth again: between two levels a surface has small steps.
+"""Depth in few levels, made smooth again: a surface has small steps between two levels.
 
 An 8-bit depth map shows a slope as terraces. Where the radius steps by up to a pixel no surface
 ends, but one step of nearly a pixel leaves a gap as wide, through which one would see, as a thin

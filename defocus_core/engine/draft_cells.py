@@ -1,4 +1,4 @@
-"""A picture at half of its size: two by two px make a cell, when it is asked for.
+"""Drafts: a picture at half size, in cells of two by two px.
 
 Colours of a cell are means, as those of a pixel are. Where a depth edge runs through it, the
 surface that holds more of it gives its radius; the nearer one, if two hold half each. But the light

@@ -1,4 +1,4 @@
-"""What a picture rendered at half of its size lacks: the detail of what is in focus.
+"""Drafts: the detail of what is in focus, which half size loses.
 
 Cells become pixels again so that means of two by two stay what they are. To these is added what the
 given picture has beyond its own cells, as far as its blur leaves it and nothing stands before it.
@@ -77,17 +77,23 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     height, width = given.signed_radius.shape
     if not float(given.share.detach().amax()) > 0:
         return doubled(images, part)[..., :height, :width]
-    in_view = _is_in_view(shown, given)
-    if in_view and _is_in_focus(given):
+    in_view = [_is_in_view(image, given) for image in shown]
+    if all(in_view) and _is_in_focus(given):
         return given.pixels.expand(len(images), *given.pixels.shape)
-    both = doubled(torch.cat([images, given.cells[None]]), part)[..., :height, :width]
-    found, own = both[:-1], both[-1]
+    # one by one: the rounding of the last numbers of a tensor depends on how many there are
+    *found, own = (doubled(x, part)[..., :height, :width] for x in (*images, given.cells))
     seen = shown.new_ones(len(images), 1, 1)
-    if not in_view:  # what is hidden shows there, too, and has no detail
-        shown = torch.minimum(shown, given.share)
-        visible = smooth(torch.cat([given.share[None], shown])[:, None], part)
-        visible = visible[:, 0, :height, :width]
-        seen = 1 - (visible[:1] - visible[1:]) / visible[:1].clamp(min=_LEAST)
+    if not all(in_view):  # hidden surfaces show there, too, and have no detail
+        share, *visible = (
+            smooth(x[None, None], part)[0, 0, :height, :width]
+            for x in (given.share, *torch.minimum(shown, given.share))
+        )
+        seen = torch.stack(
+            [
+                torch.ones_like(share) if whole else 1 - (share - x) / share.clamp(min=_LEAST)
+                for whole, x in zip(in_view, visible, strict=True)
+            ]
+        )
     pixels, r, blurred = given.pixels, given.signed_radius, found[0]
     detail = pixels - own
     left = (left_of_detail(r) * seen)[:, None]
@@ -103,7 +109,8 @@ def with_detail(images: Tensor, shown: Tensor, given: Given, part: Box) -> Tenso
     still, r = (r.abs() - _STILL[0]) / (_STILL[1] - _STILL[0]), _SHIFT * r
     moved = r * still.clamp(0, 1) * left_of_detail(r) * seen[0]
     moved = moved * (beside[..., 2:] - beside[..., :-2]) / 2
-    halves = found[1:] - blurred + (left[1:] - left[0]) * detail + torch.stack([moved, -moved])
+    halves = torch.stack(found[1:]) - blurred + (left[1:] - left[0]) * detail
+    halves = halves + torch.stack([moved, -moved])
     return torch.cat([whole[None], whole + halves])
 
 

@@ -1,4 +1,4 @@
-"""A picture rendered at half of its size, enlarged again: cells of two by two px become px.
+"""Drafts: a picture of half size enlarged from cells to px.
 
 Beside its colours each cell is rendered with the share that its blur leaves of detail: how much of
 that is shown in the end tells what nearer surfaces hide of it.

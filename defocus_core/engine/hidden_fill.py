@@ -1,4 +1,4 @@
-"""A hidden surface, which fills what visible ones leave: blurred and composited, tile by tile.
+"""The fill of hidden surfaces: blurred, and composited where visible ones leave a gap.
 
 What was invented is no sharper than what it was continued from: half of the resolution will do for
 it.

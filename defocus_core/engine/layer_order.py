@@ -1,4 +1,4 @@
-"""The order in which the surfaces over a tile are added: which of them hides which.
+"""The order in which the surfaces over a tile are composited.
 
 What is visible counts first, for it is known; and its share is right in the mean where surfaces out
 of focus cover each other by chance. But what is in focus occludes exactly: where it goes on behind

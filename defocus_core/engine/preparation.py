@@ -1,4 +1,4 @@
-"""What holds for a whole picture: its slices, their windows, and the regions it is cut into."""
+"""Preparation of a picture: its slices, their windows, its tiles and regions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The regions of a picture, computed one by one or some at once, and put together."""
+"""The regions of a picture, computed in order, some at once."""
 
 from __future__ import annotations
 

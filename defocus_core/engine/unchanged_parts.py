@@ -1,4 +1,4 @@
-"""What is in focus as far as light reaches it stays as it is: regions and tiles are copied."""
+"""Regions and tiles that are in focus as far as light reaches: copied."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the renderer has to beat: layered methods without occlusion of their own, frame by frame.
+"""Baseline renderers: layered methods without hidden surfaces.
 
 They use the ladder, the kernels and the transforms of the renderer, and nothing else of it: no
 hidden content, no tiles, no highlights apart. Their time is that of one blur a slice.

@@ -1,4 +1,4 @@
-"""What rendering a picture takes: its work, and a bound of its memory, told before it is rendered.
+"""The cost of a rendering before it is done: its work, and a bound of its memory.
 
 The renderer's own rules give the slices, tiles and regions of the picture. A look at its radii says
 which slices reach which tiles, and where edges of depth are, behind which content is invented. Work

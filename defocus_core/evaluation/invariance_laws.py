@@ -1,4 +1,4 @@
-"""Laws that compare pictures of one scene: what must not change a picture, does not.
+"""Laws of invariance: flips, tiles, threads and batches do not change a picture.
 
 Where it is cut into tiles, what computes it, how it is rounded, and what else is asked for.
 """

@@ -1,4 +1,4 @@
-"""How a law is checked: where to render, what a check says, and how a scene is rendered for it."""
+"""Checks of laws: where to render, and the result of a check."""
 
 from __future__ import annotations
 

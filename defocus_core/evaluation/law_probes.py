@@ -1,4 +1,4 @@
-"""Small pictures that show whether a law of the lens holds, and numbers read from their renderings.
+"""Probes of laws: small pictures, and numbers measured on their renderings.
 
 Pictures are float64 on the CPU, with the signed CoC radius in px of each of their pixels.
 """

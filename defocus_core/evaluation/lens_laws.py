@@ -1,4 +1,4 @@
-"""The laws of the lens, measured on what the renderer makes of small pictures.
+"""Laws of the lens, measured on renderings of small pictures.
 
 Each law is a function of a `Setting` that returns `Check`s: numbers with their bounds. Discs,
 symmetries and the gradient are measured in float64, where rounding does not hide a fault; pictures

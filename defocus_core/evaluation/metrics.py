@@ -1,4 +1,4 @@
-"""How far a picture is from its truth, and whether the error lies at depth edges.
+"""Error metrics of a picture against its truth, at depth edges and elsewhere.
 
 PSNR and SSIM look at what a screen shows: sRGB-encoded values, clipped to [0, 1]. RMSE and the
 percentile are of linear light. All is computed in float64.

@@ -1,4 +1,4 @@
-"""Scenes made to be timed: each kind asks for another sort of work, at any size and radius.
+"""Synthetic scenes to time: each kind asks for another sort of work.
 
 They are pictures with the signed CoC radius in px of each pixel, float32 on the CPU, and the same
 whenever they are made. What a kind shows does not change with its size: it is drawn in shares of

@@ -1,4 +1,4 @@
-"""Pictures that are made of others, window by window or all at once."""
+"""Pictures derived from others, window by window or all at once."""
 
 from __future__ import annotations
 

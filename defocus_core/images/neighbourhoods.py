@@ -1,4 +1,4 @@
-"""What lies around each pixel: the least or the greatest, the steps, the pixels themselves."""
+"""Neighbourhoods of pixels: least and greatest values, steps, the pixels themselves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The value of a rank among many that are seen a part at a time, to the last bit.
+"""Order statistics of many values that are read in parts, exact to the last bit.
 
 The bits of numbers that are not negative order like the numbers. So the first 16 of all of them
 are counted, then the next 16 of those that have the right first ones: each time the numbers are

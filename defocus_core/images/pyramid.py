@@ -1,4 +1,4 @@
-"""Halving the resolution of pictures, symmetrically about the middle of the frame.
+"""Pyramids: pictures at half resolution, symmetric about the middle of the frame.
 
 A mirrored picture halves to its mirror image, and a part of a frame as the whole. Of an even length
 two pixels make one of the next level. Of an odd length every second pixel does, with half of its

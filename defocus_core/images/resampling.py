@@ -1,4 +1,4 @@
-"""Pictures at reduced resolution, read in between: by cubics if they are smooth, else by tents."""
+"""Interpolation of pictures at reduced resolution: cubic where smooth, else linear."""
 
 from __future__ import annotations
 

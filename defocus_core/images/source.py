@@ -1,4 +1,4 @@
-"""Pictures that need not be in memory: they are looked at through one window at a time."""
+"""Picture sources: tensors, or files read through one window at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where pixels are that few are, such as those at edges: faster than torch finds them on a CPU.
+"""Sparse masks: the few pixels at edges, found faster than torch finds them on a CPU.
 
 It compares and looks for what is not 0 number by number; it converts, and adds, many at once.
 """

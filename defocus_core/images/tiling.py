@@ -1,4 +1,4 @@
-"""A fixed grid of tiles, regions of them, and which slices each tile can see.
+"""The fixed grid of tiles, and regions of tiles.
 
 The grid depends on nothing but the frame and the side of a tile, so that a pixel is computed in
 the same way whatever else was asked for. A slice is worth computing for a tile if it has a pixel

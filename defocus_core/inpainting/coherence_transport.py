@@ -1,4 +1,4 @@
-"""Lines that go on behind what hides them: coherence transport.
+"""Coherence transport: lines continued behind what hides them.
 
 A smooth continuation fades the joints of a wall and the edges of a pattern. Where the picture
 beside a hidden pixel has one direction, the pixel takes the colours that lie next to it along that

@@ -1,4 +1,4 @@
-"""How far edges of depth let the aperture look behind what is in front, and onto what.
+"""Disocclusion: how far the aperture looks behind edges of depth.
 
 The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
 of the near one: the greatest of r_far - |q - far| over all edges says how far anything shows (a

@@ -1,4 +1,4 @@
-"""A picture seen coarsely: what regions need to know of the frame around them.
+"""A coarse picture of the frame, which regions take their surroundings from.
 
 What lies behind an edge of depth is continued from pictures of a quarter of the resolution and
 less, made once for the whole frame. So is the map of what the edges reveal.

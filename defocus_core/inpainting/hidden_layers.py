@@ -1,4 +1,4 @@
-"""What the pinhole does not see but the aperture does: surfaces behind depth edges.
+"""Hidden layers: surfaces behind depth edges, unseen by the pinhole but not by the aperture.
 
 Neighbouring pixels whose radii differ by more than one px hold a depth edge: with |∇r| < 1 the map
 from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.

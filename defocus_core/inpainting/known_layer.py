@@ -1,4 +1,4 @@
-"""What is known to lie behind the visible surface: where it matters, and what it leaves unknown."""
+"""A known layer behind the visible surface, and the pixels that it leaves unknown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A smooth continuation of surfaces to pixels where they are hidden: push and pull.
+"""Push-pull: a smooth continuation of surfaces to hidden pixels.
 
 A pixel takes what lies around it at a fine resolution, as far as there is anything, and the rest
 from the next coarser one, until it has enough (Gortler et al. 1996). Resolutions are made once, of

@@ -1,4 +1,4 @@
-"""A part of a frame in which something may be hidden, at full or at half of its resolution."""
+"""A part of the frame in which content is hidden, at full or half resolution."""
 
 from __future__ import annotations
 

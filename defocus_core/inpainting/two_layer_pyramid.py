@@ -1,4 +1,4 @@
-"""Surfaces in a picture seen coarsely: in each cell the farthest, and the next one before it.
+"""A pyramid of two layers: in each cell the farthest surface, and the next before it.
 
 A cell on an edge of depth holds two surfaces. Their mean is neither, and what a nearer surface
 hides goes on from what lies farther alone. So each cell keeps two sheets, each of pixels whose

@@ -1,4 +1,4 @@
-"""Where a layer lies around a tile, and where it shows: each is blurred within that rectangle."""
+"""The rectangle around a tile that a layer takes up, and in which it is blurred."""
 
 from __future__ import annotations
 

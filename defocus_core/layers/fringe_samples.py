@@ -1,4 +1,4 @@
-"""Samples of a surface beside its pixels: parts of nearer surfaces in pixels on an edge."""
+"""Fringe samples: parts of nearer surfaces in pixels on a depth edge."""
 
 from __future__ import annotations
 

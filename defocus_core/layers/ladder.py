@@ -1,4 +1,4 @@
-"""Slices of the scene by signed CoC radius, and the share that each pixel has in them.
+"""The slice ladder: slices by signed CoC radius, and the share of each pixel in them.
 
 Slice radii stand on a ladder in px that depends on the quality alone. A pixel between two rungs
 belongs to both, by weights that sum to one and keep the second moment of its blur: linear in r².

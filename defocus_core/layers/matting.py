@@ -1,4 +1,4 @@
-"""Pixels on an edge of depth, whose colours are mixed from two surfaces.
+"""Matting of mixed pixels: colours on a depth edge taken apart into two surfaces.
 
 An anti-aliased pixel holds α of the nearer surface and 1 - α of the farther one, and the depth of
 only one of them. Left as they are, such pixels draw ghost lines: the nearer colour stays behind,

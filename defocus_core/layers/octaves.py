@@ -1,4 +1,4 @@
-"""Octaves of blur: which hidden surfaces come before what is visible beyond them.
+"""Octaves of blur: which hidden surfaces occlude visible ones beyond them.
 
 What is visible counts first, for it is known. But light of a surface that is far more blurred
 spreads over what is hidden before it, and would be seen through it: a sign behind a fence would be

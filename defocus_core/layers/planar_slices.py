@@ -1,4 +1,4 @@
-"""Slices that have the same slope all over: their kernels can be tilted instead of them.
+"""Planar slices: those of one slope all over, whose kernel is tilted instead.
 
 Blocks of one slope tell it for the slices that are in them. In blocks of several, like those of a
 floor behind wires, each slice is asked for its own pixels.

@@ -1,4 +1,4 @@
-"""How much work a picture is worth: points on one curve from fast to accurate."""
+"""Qualities: settings on one curve from fast to accurate."""
 
 from __future__ import annotations
 

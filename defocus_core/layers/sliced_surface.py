@@ -1,4 +1,4 @@
-"""A layer of the scene, cut into slices as they are needed: what each tile takes of it."""
+"""A sliced surface: the slices of a layer that each tile needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slopes of the radius: how densely a tilted surface is seen from each side of the aperture.
+"""Slopes of the radius: how densely each side of the aperture sees a tilted surface.
 
 Lens point u sees pixel q at q + r(q) u. Where the radius changes from pixel to pixel, this map
 stretches or crowds the surface: pixels of it land 1 + u·∇r apart (the determinant of its

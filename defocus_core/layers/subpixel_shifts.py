@@ -1,4 +1,4 @@
-"""Shifts of less than a pixel: how parts of the aperture see what is near focus.
+"""Sub-pixel shifts: how parts of the aperture see what is near focus.
 
 A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
 of this: kernels sampled by area know no shift within a pixel, and shares in two slices keep the

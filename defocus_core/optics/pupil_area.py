@@ -1,4 +1,4 @@
-"""The outline of the pupil, a disc or a polygon in it, and exact areas within.
+"""The outline of the pupil, a disc or a polygon, and exact areas within it.
 
 Areas come from G(x, y), the area left of x and above y, differenced over corners.
 """

@@ -1,4 +1,4 @@
-"""A sensor of square pixels: their pitch, once its size is known to make sense."""
+"""A sensor of square pixels, and their pitch."""
 
 from __future__ import annotations
 

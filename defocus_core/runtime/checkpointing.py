@@ -1,4 +1,4 @@
-"""What work keeps for a backward pass: nothing that can be computed again, or nothing at all."""
+"""Checkpointing: what is recomputed, not kept, for a backward pass."""
 
 from __future__ import annotations
 

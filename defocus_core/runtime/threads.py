@@ -1,4 +1,4 @@
-"""Independent pieces of work on a few threads, in the caller's gradient and inference modes.
+"""Work in threads, in the caller's gradient and inference modes.
 
 The number of results that wait to be taken is bounded, whoever takes them slowly.
 """

@@ -1,4 +1,4 @@
-"""The renderer's own modes of torch: those of the caller are no part of what is asked for."""
+"""The renderer's own modes of torch, whatever the caller's are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is checked at a door: numbers and tensors, which an error names if they are none."""
+"""Validation of arguments: numbers and tensors, named in errors."""
 
 from __future__ import annotations
 

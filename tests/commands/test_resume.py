@@ -181,13 +181,16 @@ def test_threads_and_device_are_no_settings(
     assert len(computed) == 3
 
 
-def test_another_renderer_does_all_again(
+def test_another_renderer_does_all_again_and_another_release_nothing(
     folders: tuple[Path, Path], out: Path, computed: Computed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from defocus_cli.journal import identity
 
     again(folders, out)
-    monkeypatch.setattr(identity, "core_version", lambda: "0.2.0+1")
+    monkeypatch.setattr(identity, "version", lambda: "99.0")
+    again(folders, out)
+    assert len(computed) == 3, "a release changes no picture by itself"
+    monkeypatch.setattr(identity, "renderer_version", lambda: 99)
     again(folders, out)
     assert len(computed) == 6
 

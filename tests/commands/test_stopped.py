@@ -40,10 +40,12 @@ def test_killed_runs_come_to_the_same_end(folders: tuple[Path, Path], tmp_path: 
     assert sorted(names) == [f"{number:02}" for number in range(16)], "none is done twice"
 
 
-def started(*args: object, slow: float, step: str = "engine.compute") -> subprocess.Popen[str]:
+def started(*args: object, slow: float, step: str = "job_steps.compute") -> subprocess.Popen[str]:
     """A run of which a step takes its time; it says when the first picture comes to it."""
     script = (
-        f"import os, sys, time; from defocus_cli import engine, main; do = {step}\n"
+        "import os, sys, time; from defocus_cli import main\n"
+        "from defocus_cli.rendering import job_steps\n"
+        f"do = {step}\n"
         "def slowly(*args):\n"
         "    print('up', flush=True)\n"
         f"    time.sleep({slow})\n"

@@ -207,8 +207,9 @@ def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
 def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     files = [*pair(tmp_path), "-o", tmp_path / "out"]
     script = (
-        "import sys, time; from defocus_cli import engine, main; "
-        "engine.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
+        "import sys, time; from defocus_cli import main\n"
+        "from defocus_cli.rendering import job_steps\n"
+        "job_steps.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
         "sys.exit(main.main())"
     )
     process = subprocess.Popen(

@@ -134,8 +134,11 @@ def test_the_centre_is_a_mean_and_white_stays_white(
         assert worst(picture[1], 1.0) < WHITE
     centre, left, right = three(o)
     assert worst((left + right) / 2, centre) < MEAN
-    assert centre[0].min() > image[0].min() - WHITE
-    assert centre[0].max() < image[0].max() + WHITE
+    # pixels of a draft's cells may lie beyond the cells around them by some of what these differ
+    differ = float(image[0].max() - image[0].min())
+    beyond = WHITE + 0.25 * differ * (shot.quality == "draft")
+    assert centre[0].min() > image[0].min() - beyond
+    assert centre[0].max() < image[0].max() + beyond
     assert torch.equal(centre, shot(image, radius, left_right=False).render)
 
 

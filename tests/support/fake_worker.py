@@ -13,7 +13,7 @@ from typing import Any
 from defocus_cli.batch import job_result, worker
 from defocus_cli.batch.worker import READY
 from defocus_cli.jobs.job import Job
-from defocus_cli.journal.identity import core_version
+from defocus_cli.journal.identity import versions
 from defocus_cli.journal.plain_values import typed
 from defocus_cli.rendering import job_steps
 from defocus_cli.system.safe_files import leftover
@@ -75,12 +75,12 @@ def serve_nobody(connection: Connection) -> None:
 def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
     """What a Dask worker does."""
     results = [result_of(typed(Job, job)) for job in jobs]
-    return {"version": core_version(), "results": results}
+    return {"versions": versions(), "results": results}
 
 
 def do_in_another_version(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
     """What a Dask worker does that has not been updated."""
-    return {**do(jobs, threads), "version": "0.0.1"}
+    return {**do(jobs, threads), "versions": {"version": "0.0.1", "renderer": 1}}
 
 
 def cannot_do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:

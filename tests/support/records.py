@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from image_files import save
 
+from defocus_cli.formats.kinds import KINDS
+
 
 def png(path: Path, level: int = 0) -> bytes:
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -22,7 +24,7 @@ def record(
     """A record of one sample that is done, whose outputs lie in ``out``."""
     outputs = {}
     for kind in kinds:
-        path = f"{kind}/{name}.{'exr' if kind in ('coc', 'disparity', 'trust') else 'png'}"
+        path = f"{kind}/{name}.{'png' if KINDS[kind].image else 'exr'}"
         data = png(out / path, level) if path.endswith("png") else b"EXR" * (level + 1)
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(data)
@@ -58,5 +60,6 @@ def record(
         "finished": "2026-01-01T00:00:00Z",
         "warnings": [],
         "version": "1",
+        "renderer": 1,
         **more,
     }

@@ -67,8 +67,11 @@ def test_memory_does_not_grow_with_the_jobs(tmp_path: Path) -> None:
     pair(tmp_path)
     jobs_of(tmp_path, '"1.5m..3m @ 2000 in depth"')
     script = (
-        "import resource, sys; from defocus_cli import batch_options, here, journal, main\n"
-        "batch_options.Crew.execute = lambda crew: here.execute\n"
+        "import resource, sys; from defocus_cli import main\n"
+        "from defocus_cli.batch import local_process\n"
+        "from defocus_cli.journal import journal\n"
+        "from defocus_cli.options import batch\n"
+        "batch.Crew.execute = lambda crew: local_process.execute\n"
         "append = journal.Journal.append\n"
         "def told(journal, record):\n"
         "    append(journal, record)\n"

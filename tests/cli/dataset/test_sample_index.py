@@ -53,6 +53,17 @@ def test_neither_time_nor_place_is_in_it(tmp_path: Path) -> None:
     assert not [word for word in ("seconds", "mtime", "time", "finished") if f'"{word}' in text]
 
 
+@pytest.mark.parametrize(
+    ("change", "kinds"), [({"version": "2"}, {"render", "coc"}), ({"renderer": 2}, {"coc"})]
+)
+def test_pictures_of_two_releases_make_one_sample_if_they_have_one_renderer(
+    change: dict[str, object], kinds: set[str], tmp_path: Path
+) -> None:
+    first, later = record(tmp_path, "a", ["render"]), record(tmp_path, "a", ["coc"], **change)
+    (entry,) = sample_index.entries([first, later])
+    assert set(entry["outputs"]) == kinds
+
+
 def test_what_failed_is_no_sample(tmp_path: Path) -> None:
     failed = {"sample_id": "b", "status": "failed", "reason": "unreadable"}
     assert len(written(tmp_path, record(tmp_path, "a"), failed)) == 1

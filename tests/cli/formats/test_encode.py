@@ -19,7 +19,7 @@ from command_line import header
 from defocus_cli.formats.color import read_color
 from defocus_cli.formats.describe import describe
 from defocus_cli.formats.encode import FORMATS, display_encoded, write_image, write_map
-from defocus_cli.rendering.preview import diverging, largest, write_coc_preview, write_preview
+from defocus_cli.rendering.preview import diverging, largest, write_preview, write_signed_preview
 from defocus_cli.system.errors import InputError, UsageProblem
 from defocus_cli.system.safe_files import written_whole
 
@@ -230,7 +230,7 @@ def test_the_diverging_map_is_symmetric_about_focus() -> None:
 
 def test_previews_are_8_bit_png(tmp_path: Path) -> None:
     write_preview(tmp_path / "a.png", picture(4) * 2)
-    write_coc_preview(tmp_path / "b.png", picture(1)[..., 0] - 0.5)
+    write_signed_preview(tmp_path / "b.png", picture(1)[..., 0] - 0.5)
     for name in ("a.png", "b.png"):
         assert describe(tmp_path / name).parts[0].channels == tuple(
             (channel, "uint8") for channel in "RGB"

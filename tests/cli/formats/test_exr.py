@@ -14,7 +14,7 @@ import pytest
 from command_line import header
 from image_files import SCANLINE, box, random_planes, write_deep, write_window
 
-from defocus_cli.formats import exr, exr_strips
+from defocus_cli.formats import exr
 from defocus_cli.formats.exr import clamped_half, read_parts, write_exr
 from defocus_cli.formats.exr_channels import choose_color
 from defocus_cli.formats.exr_header import read_headers
@@ -164,7 +164,7 @@ def tiles(width: int, height: int) -> dict[str, Any]:
 
 def same_in_pieces(path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int = 3000) -> None:
     whole = read_parts(path)
-    monkeypatch.setattr(exr_strips, "_STRIP_BYTES", piece_bytes)
+    monkeypatch.setattr(exr, "_STRIP_BYTES", piece_bytes)
     for part, again in zip(whole, read_parts(path, keeping=Keeping(scratch=True)), strict=True):
         assert again.channels.keys() == part.channels.keys()
         for name, plane in part.channels.items():
@@ -219,7 +219,7 @@ def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     OpenEXR.File(tiles(64, 64), random_planes("RGB", (70, 80))).write(str(tmp_path / "a.exr"))
-    monkeypatch.setattr(exr, "_LARGEST_TILE", 64 * 64 * 12 - 1)
+    monkeypatch.setattr(exr, "_LARGEST_TILE", 64 * 64 * 6 - 1)
     with pytest.raises(InputError, match="piece by piece; allow more --memory"):
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
 

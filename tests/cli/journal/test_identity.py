@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.random_lenses import Draw
 from defocus_cli.journal import identity
 from defocus_cli.journal.plain_values import plain, typed
+from defocus_core.renderer_version import RENDERER_VERSION
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
 JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
@@ -51,26 +54,23 @@ def test_what_decides_the_outputs_is(change: dict[str, object]) -> None:
     assert identity.recipe(replace(JOB, **change)) != identity.recipe(JOB)  # type: ignore[arg-type]
 
 
-def test_another_renderer_is_another_recipe(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_renderer_is_another_recipe_and_another_release_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     before = identity.recipe(JOB)
-    monkeypatch.setattr(identity, "core_version", lambda: "0.0.0+1")
+    monkeypatch.setattr(identity, "version", lambda: "99.0")
+    assert identity.recipe(JOB) == before
+    monkeypatch.setattr(identity, "renderer_version", lambda: 99)
     assert identity.recipe(JOB) != before
 
 
-def test_the_version_of_the_renderer_follows_its_sources(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Found:
-        submodule_search_locations = (str(tmp_path),)
-
-    monkeypatch.setattr(identity, "find_spec", lambda name: Found)
-    versions = []
-    for text in ("x = 1", "x = 2", "x = 1"):
-        (tmp_path / "render.py").write_text(text)
-        identity.core_version.cache_clear()
-        versions.append(identity.core_version())
-    identity.core_version.cache_clear()
-    assert versions[0] == versions[2] != versions[1]
+def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch() -> None:
+    code = (
+        "import sys; from defocus_cli.journal.identity import renderer_version as read;"
+        "print(read(), 'torch' in sys.modules or 'defocus_core' in sys.modules)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == [str(RENDERER_VERSION), "False"]
 
 
 def test_a_job_is_named_by_its_recipe_and_the_bytes_of_its_inputs() -> None:

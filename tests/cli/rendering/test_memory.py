@@ -16,7 +16,7 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli.formats import exr, exr_strips
+from defocus_cli.formats import exr, kinds
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.options import batch
@@ -26,7 +26,7 @@ from defocus_cli.system import arrays, memory
 from defocus_cli.system.arrays import Scratch
 from defocus_core import stream
 
-KINDS = "render,left,right,coc,disparity,trust"
+KINDS = ",".join(kinds.KINDS)
 SIZE = (70, 90)
 
 
@@ -43,8 +43,7 @@ def scratch(monkeypatch: pytest.MonkeyPatch) -> list[Scratch]:
     monkeypatch.setattr(Scratch, "__init__", spy)
     monkeypatch.setattr(memory_budget, "_FOR_ARRAYS", 0.0)
     monkeypatch.setattr(arrays.bands, "__defaults__", (1000,))
-    for module in (exr, exr_strips):
-        monkeypatch.setattr(module, "_STRIP_BYTES", 20_000)
+    monkeypatch.setattr(exr, "_STRIP_BYTES", 20_000)
     return made
 
 
@@ -257,10 +256,10 @@ class Gated:
 
 
 def test_pictures_that_fit_beside_each_other_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Gated(monkeypatch, each_mb=40, half_mb=100).entered.wait(5)
+    assert Gated(monkeypatch, each_mb=20, half_mb=100).entered.wait(5)
 
 
-@pytest.mark.parametrize("each_mb", [60.0, 400.0])
+@pytest.mark.parametrize("each_mb", [30.0, 60.0, 400.0])
 def test_others_wait_until_there_is_room(each_mb: float, monkeypatch: pytest.MonkeyPatch) -> None:
     gated = Gated(monkeypatch, each_mb, half_mb=100)
     time.sleep(0.05)

@@ -17,9 +17,9 @@ SIZE = (200, 300)
 # with, in bytes, and the bound.
 _PEAK = """
 import sys, torch
-from defocus_cli import memory
+from defocus_cli.system import memory
 from defocus_core import Stream, memory_bound
-from defocus_core.scenery import scenery
+from defocus_core import scenery
 
 torch.set_num_threads(1)
 memory.share_heap()

@@ -1,0 +1,52 @@
+"""``defocus help``: the reference, one topic at a time."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import click
+
+from defocus_cli.options.types import GroupedCommand
+from defocus_cli.system import console
+from defocus_cli.system.errors import UsageProblem
+
+TOPICS = {
+    "conventions": "the formula, signs, units, kinds of output, colour, files",
+    "depth": "depth files, estimated depth of photographs, repair of depth, hidden layers",
+    "quality": "accuracy, time and memory, verification, limits",
+    "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
+    "python": "the renderer as a torch library, training, samples of a batch",
+    "exit-codes": "exit codes, error lines, output for scripts",
+}
+
+
+@click.command(
+    "help",
+    cls=GroupedCommand,
+    short_help="Print the reference on a topic, or list the topics.",
+)
+@click.argument("topic", required=False)
+def command(topic: str | None) -> None:
+    """Print the reference on TOPIC; without TOPIC, list the topics.
+
+    'defocus COMMAND --help' lists the options of a command.
+
+    \b
+    Examples:
+      defocus help
+      defocus help depth
+    """  # noqa: D301  click reads the backspace
+    if topic is None:
+        for name, subject in TOPICS.items():
+            console.tell(f"{name:<13}{subject}")
+        return
+    if topic not in TOPICS:
+        remedy = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"
+        raise UsageProblem(topic, "no such topic", remedy)
+    # Without a terminal, click prints the text as it is.
+    click.echo_via_pager(text(topic).removesuffix("\n"))
+
+
+def text(topic: str) -> str:
+    """The Markdown of a topic."""
+    return (files("defocus_cli") / "help" / f"{topic}.md").read_text(encoding="utf-8")

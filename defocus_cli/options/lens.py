@@ -1,0 +1,55 @@
+"""Lens options: those of ``--lens FILE.toml`` and those given beside it.
+
+``@lens_options`` adds ``--focal-length``, ``--fnumber``, … and hands the command ``lens: Lens``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from defocus_cli.jobs.job import Lens
+from defocus_cli.jobs.lens_file import make_lens
+from defocus_cli.jobs.lens_options import PARSERS
+from defocus_cli.options.types import Decorator, FilePath, Quantity, bundle, grouped_option
+
+_LENS_HELP = {
+    "focal-length": ("LENGTH", "Focal length, like 50mm."),
+    "fnumber": ("N", "F-number, like 1.4."),
+    "aperture-diameter": ("LENGTH", "Diameter of the opening; instead of --fnumber."),
+    "sensor-width": ("LENGTH", "Width of the sensor.  [default: 36mm]"),
+    "focus": (
+        "DISTANCE",
+        "Distance in focus, like 2m or inf; or percentile(50) of the depth.",
+    ),
+    "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
+    "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
+    "blade-rotation": (
+        "DEG",
+        "Where a vertex of the polygon points, counter-clockwise from +x as seen in the image, "
+        "for points beyond the focus.",
+    ),
+}
+
+
+def _lens_option(name: str) -> Decorator:
+    metavar, text = _LENS_HELP[name]
+    kind = Quantity(PARSERS[name], metavar)
+    return grouped_option("Lens", f"--{name}", type=kind, metavar=metavar, help=text)
+
+
+def _lens_file_option() -> Decorator:
+    text = 'File of lens options, like focal-length = "50mm"; what is given beside it wins.'
+    kind = FilePath()
+    return grouped_option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)
+
+
+def lens_options(*, required: bool) -> Decorator:
+    """Hand a command ``lens``: a Lens, or None if none was asked for and none is required."""
+
+    def make(lens_file: Path | None, **values: Any) -> Lens | None:
+        flags = {name.replace("_", "-"): value for name, value in values.items()}
+        asked = lens_file is not None or any(value is not None for value in flags.values())
+        return make_lens(flags, lens_file) if required or asked else None
+
+    return bundle("lens", make, [*map(_lens_option, _LENS_HELP), _lens_file_option()])

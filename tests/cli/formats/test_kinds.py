@@ -1,0 +1,72 @@
+"""Each row of the table of kinds is all that the command line needs to write and explain it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import header, pair, read_exr, render, run
+
+from defocus_cli.formats.kinds import KINDS, Kind
+from defocus_core import render as rendered
+
+MAPS = [kind for kind in KINDS.values() if not kind.image]
+
+
+def name_of(kind: Kind) -> str:
+    return kind.name
+
+
+def written(folder: Path, kind: Kind) -> Path:
+    ran = render(*pair(folder), "-o", folder / "out", "--outputs", kind.name, "--preview")
+    assert ran.code == 0, ran.err
+    return folder / "out" / kind.name / "a.exr"
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
+def test_a_kind_is_written_alone_with_its_name(kind: Kind, tmp_path: Path) -> None:
+    file = written(tmp_path, kind)
+    assert header(file)["defocus:kind"] == kind.name
+    channels = read_exr(file)
+    assert set(channels) == (set("RGB") if kind.image else {kind.name})
+    assert {pixels.dtype for pixels in channels.values()} == {
+        np.dtype(np.float16 if kind.image else np.float32)
+    }
+    assert file.with_suffix(".preview.png").exists()
+
+
+@pytest.mark.parametrize("kind", MAPS, ids=name_of)
+def test_info_tells_what_a_map_shows(kind: Kind, tmp_path: Path) -> None:
+    file = written(tmp_path, kind)
+    values = read_exr(file)[kind.name]
+    least, most = float(values.min()), float(values.max())
+    reach = f"{least:.2f} to {most:.2f} {kind.unit}".rstrip()
+    assert f"  {kind.title}: {reach}\n" in run("info", file).out
+    shown: dict[str, Any] = json.loads(run("info", file, "--json").out)["files"][0]["maps"][0]
+    assert shown["kind"] == kind.name
+    assert shown[f"range_{kind.unit}" if kind.unit else "range"] == [least, most]
+
+
+def test_help_has_a_line_for_each_kind() -> None:
+    text = run("render", "--help").out
+    assert all(f"    {kind.name:<13} {kind.help}\n" in text for kind in KINDS.values())
+    assert f"maps ({', '.join(kind.name for kind in MAPS)})" in " ".join(text.split())
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
+def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
+    radius = torch.linspace(-3, 3, 48).reshape(6, 8)
+    if not kind.rendered:
+        assert kind.compute(radius).shape == radius.shape
+        return
+    views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
+    assert kind.compute(views).shape[-3:] == (3 if kind.image else 1, 6, 8)
+
+
+def test_memory_is_counted_for_what_is_held_until_it_is_written() -> None:
+    expected = {"render": 8, "left": 8, "coc": 0, "disparity": 0, "trust": 4}
+    assert {name: KINDS[name].memory_bytes(4, 2) for name in expected} == expected
