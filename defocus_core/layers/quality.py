@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 
@@ -19,8 +18,6 @@ class Quality:
             occlude each other.
         unmixes: Whether pixels that hold parts of two surfaces are taken apart; cells that get
             their detail back gain nothing by it.
-        further: Greatest blur of what is invented behind something invented, as a multiple of the
-            blur of that; 0 for nothing. What is sharper shows most.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
         hidden_halvings: How many times the resolution of what is invented is halved.
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
@@ -36,18 +33,12 @@ class Quality:
     far_spacing: float
     layer_ratio: float
     unmixes: bool
-    further: float
     hidden_stride: int
     hidden_halvings: int
     least_slope: float
     full_resolution: float
     half_size: bool
     parts: int
-
-    @property
-    def hidden_layers(self) -> int:
-        """How many surfaces may be invented behind a pixel."""
-        return 2 if self.further else 1
 
     def in_cells(self) -> Quality:
         """The same settings in cells of two px."""
@@ -61,7 +52,6 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.2,
         layer_ratio=2.0,
         unmixes=False,
-        further=1.013,
         hidden_stride=2,
         hidden_halvings=1,
         least_slope=0.2013,
@@ -74,7 +64,6 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.12,
         layer_ratio=1.6,
         unmixes=True,
-        further=1.013,
         hidden_stride=2,
         hidden_halvings=1,
         least_slope=0.1013,
@@ -87,7 +76,6 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.06,
         layer_ratio=4 / 3,
         unmixes=True,
-        further=math.inf,
         hidden_stride=1,
         hidden_halvings=0,
         least_slope=0.0513,
@@ -100,7 +88,6 @@ QUALITY: dict[str, Quality] = {
         far_spacing=0.04,
         layer_ratio=1.2,
         unmixes=True,
-        further=math.inf,
         hidden_stride=1,
         hidden_halvings=0,
         least_slope=0.0213,
