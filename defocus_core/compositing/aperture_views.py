@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 from torch import Tensor
 
@@ -57,30 +55,18 @@ class Fronts:
         """Whether there is nothing left that something hidden, known or not, might fill."""
         return all(is_full(seen, self._most(i, known)) for i, seen in enumerate(self.seen))
 
-    def fill(
-        self,
-        hidden: list[Tensor | None],
-        *,
-        known: bool,
-        before: Sequence[list[Tensor | None]] = (),
-    ) -> None:
+    def fill(self, hidden: list[Tensor | None], *, known: bool) -> None:
         """Add what is hidden.
 
         Args:
             hidden: Of each group [m, C + 1, h, w] over the tile; None if nothing is.
             known: Whether it is.
-            before: The same of what hides this, too, but is added later.
         """
         for group, layer in enumerate(hidden):
             seen, most = self.seen[group], self._most(group, known)
             if layer is None or is_full(seen, most):
                 continue
-            covered = seen
-            for of_groups in before:
-                nearer = of_groups[group]
-                if nearer is not None:
-                    covered = covered + share_behind(covered, nearer, most) * nearer
-            whole, share = Box(0, 0, *seen.shape[-2:]), share_behind(covered, layer, most)
+            whole, share = Box(0, 0, *seen.shape[-2:]), share_behind(seen, layer, most)
             if group == 0 and not known:
                 more = (share * layer[:, -1:])[:, 0]
                 self.invented = more if self.invented is None else self.invented + more

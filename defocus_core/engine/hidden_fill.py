@@ -7,7 +7,7 @@ it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property, reduce
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -47,12 +47,8 @@ class Hidden:
 
     def of(self, octave: int) -> list[Tensor | None]:
         """What is of an octave, alone: [m, C + 1, h, w]; None if there is nothing."""
-        return [self._once(some.get(octave)) for some in self._octaves]
-
-    @cached_property
-    def nearer(self) -> list[Tensor | None]:
-        """What is nearer than focus, alone."""
-        return [self._once(_side(some, -1)) for some in self._octaves]
+        found = (some.get(octave) for some in self._octaves)
+        return [None if some is None else self._enlarged(some, 1.0) for some in found]
 
     def whole(self) -> list[Tensor | None]:
         """Everything, as it occludes itself."""
@@ -61,9 +57,6 @@ class Hidden:
             sides = [side for side in (_side(some, s) for s in (-1, 0, 1)) if side is not None]
             found.append(self._enlarged(_occluding(sides), _FILLS) if sides else None)
         return found
-
-    def _once(self, some: Tensor | None) -> Tensor | None:
-        return None if some is None else self._enlarged(some, 1.0)
 
 
 class Filling:
@@ -116,10 +109,6 @@ class Filling:
     def has(self, octave: int, index: int) -> bool:
         """Whether something of it over a tile is of an octave of blur."""
         return any(self._octave_of(rung) == octave for rung in self.plan[index])
-
-    def is_nearer(self, index: int) -> bool:
-        """Whether something of it over a tile is nearer than focus."""
-        return any(self._octave_of(rung) < 0 for rung in self.plan[index])
 
     def _octave_of(self, rung: int) -> int:
         return self._octaves[self._sliced.layer_of[rung * self._sliced.stride]]

@@ -2,15 +2,13 @@
 
 What is visible counts first, for it is known; and its share is right in the mean where surfaces out
 of focus cover each other by chance. But what is in focus occludes exactly: where it goes on behind
-something nearer, nothing beyond focus is seen; and it is seen only where nothing out of focus is
-invented between. So does what is much less blurred than what is seen beyond it.
+something nearer, nothing beyond focus is seen. So does what is much less blurred than what is seen
+beyond it.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
-
-from torch import Tensor
 
 from defocus_core.blur.layer_blur import Shown
 from defocus_core.compositing.aperture_views import Fronts
@@ -60,11 +58,7 @@ def add_in_order(
         for i, (some, known) in enumerate(hidden):
             if not some.has(octave, index) or fronts.are_full(known=known):
                 continue
-            before: list[list[Tensor | None]] = []
-            if octave >= 0:
-                others = (j for j in range(i) if not hidden[j].known)
-                before = [seen_of(j).nearer for j in others if hidden[j].filling.is_nearer(index)]
-            fronts.fill(seen_of(i).of(octave), known=known, before=before)
+            fronts.fill(seen_of(i).of(octave), known=known)
 
     def show(numbers: set[int]) -> None:
         fronts.add([{n: some[n] for n in some if n in numbers} for some in visible])

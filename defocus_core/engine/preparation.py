@@ -12,7 +12,7 @@ from defocus_core.engine.statistics import Survey, survey
 from defocus_core.images.source import Pixels, banded
 from defocus_core.images.tiling import grid_over, largest, regions
 from defocus_core.inpainting.frame_pyramid import EDGE
-from defocus_core.inpainting.hidden_layers import px_around
+from defocus_core.inpainting.hidden_layers import PX_AROUND
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import SHARP, evenly, layers, rungs
 from defocus_core.layers.octaves import kept_apart, turns
@@ -75,7 +75,7 @@ def frame_of(
     farthest += farthest % 2
     margin = NEIGHBOURHOOD + farthest
     if edges:
-        margin += px_around(quality.hidden_layers)
+        margin += PX_AROUND
     if seen.brightest > limit:
         margin = max(margin, reached_by(farthest))
     margin += margin % 2  # regions are halved

@@ -23,7 +23,7 @@ from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid
 from defocus_core.images.views import Views
 from defocus_core.inpainting.frame_pyramid import Backdrop
-from defocus_core.inpainting.hidden_layers import HiddenLayer, hidden_layers
+from defocus_core.inpainting.hidden_layers import HiddenLayer, hidden_layer
 from defocus_core.inpainting.known_layer import Behind, told_apart
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, unmixed, whole
@@ -96,25 +96,19 @@ class Region:
         self._visible = self._in_front(own, signed_radius, places)
         # nothing is invented where something is known
         self._known: Filling | None = None
-        self._invented: list[Filling] = []
+        self._invented: Filling | None = None
         if beyond is not None:
-            layers = hidden_layers(
-                own.color,
-                signed_radius,
-                beyond,
-                outer,
-                self._inside,
-                further=frame.quality.further,
-                halvings=frame.invented.halvings,
+            halvings = frame.invented.halvings
+            layer = hidden_layer(
+                own.color, signed_radius, beyond, outer, self._inside, halvings=halvings
             )
-            if layers and behind is not None:
+            if layer and behind is not None:
                 known = behind.within(inner, self._inside.of(signed_radius), frame.dtype)
                 middle = axes(frame.size, inner.top, inner.left)
-                told = [told_apart(known, layer, middle) for layer in layers]
-                self._known = self._filling(told[0][0], frame.known)
-                layers = [needed for _, needed in told]
-            invented = [self._filling(layer, frame.invented) for layer in layers]
-            self._invented = [some for some in invented if some is not None]
+                known, layer = told_apart(known, layer, middle)
+                self._known = self._filling(known, frame.known)
+            if layer:
+                self._invented = self._filling(layer, frame.invented)
         self._highlights = None
         if highlights and places is not None:
             aperture, parts, box = frame.aperture, frame.parts, core.seen_from(outer)
@@ -215,7 +209,7 @@ class Region:
     @property
     def _hidden(self) -> list[Filling]:
         """What is known to lie behind, and what is invented."""
-        return [some for some in (self._known, *self._invented) if some]
+        return [some for some in (self._known, self._invented) if some]
 
     def _lit(self, seen: list[Tensor], index: int) -> list[Tensor]:
         """The same with highlights."""
@@ -270,5 +264,5 @@ class Region:
             "layer_pixels": area * len(pieces),
             "layer_pixels_done": sum(piece.patch.seen.area for piece in pieces),
             "tiles_culled": int(bool(culled)),
-            "tiles_with_hidden": int(bool(self._invented and self._invented[0].plan[index])),
+            "tiles_with_hidden": int(bool(self._invented and self._invented.plan[index])),
         }

@@ -46,12 +46,15 @@ class Revealed(NamedTuple):
     Attributes:
         shown: [h, w] px, the radius in front of which it shows; below all radii where nothing does.
         source: [h, w] px, that of the edge it goes on from.
+        front: [h, w] px, that of the surface before it: the one in front, or what comes next but is
+            left out, being more blurred.
         ceiling: [h, w] px, from which on a radius belongs to what lies behind that again; infinite
             where nothing does.
     """
 
     shown: Tensor
     source: Tensor
+    front: Tensor
     ceiling: Tensor
 
 
@@ -92,10 +95,13 @@ class Reach(NamedTuple):
         spent, next_one = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
         comes_next = (next_one - spent > near + STEP) & (source > next_one + STEP)
         # what is blurred more hardly shows that a part of it is missing
-        comes_next = comes_next & (next_one.abs() <= source.abs())
+        sharper = next_one.abs() <= source.abs()
+        front = torch.where(comes_next & ~sharper, next_one, near)
+        comes_next = comes_next & sharper
         return Revealed(
             torch.where(comes_next, next_one - spent, shown),
             torch.where(comes_next, next_one, source),
+            front,
             torch.where(comes_next, torch.lerp(next_one, source, _CEILING), torch.inf),
         )
 

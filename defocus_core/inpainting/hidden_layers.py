@@ -4,13 +4,12 @@ Neighbouring pixels whose radii differ by more than one px hold a depth edge: wi
 from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.
 From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
 is continued by the colour and radius of what lies farther, near by first, and along the lines that
-lead there. Behind what is so invented the same is asked once more: where two wires cross before a
-wall, the farther one goes on behind the nearer one, and the wall behind both.
+lead there. There is one hidden layer: where two wires cross before a wall, what goes on behind the
+nearer one is the wire or the wall, whichever is the sharper one.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import torch
@@ -42,9 +41,8 @@ _WIDEST = 6
 _NEXT = 4.0
 
 
-def px_around(count: int) -> int:
-    """Px around a region from which so many layers of what it hides are continued."""
-    return FARTHEST + 2 + count * _WIDEST
+# Px around a region from which what it hides is continued.
+PX_AROUND = FARTHEST + 2 + _WIDEST
 
 
 class HiddenLayer(NamedTuple):
@@ -61,16 +59,15 @@ class HiddenLayer(NamedTuple):
     mask: Tensor
 
 
-def hidden_layers(
+def hidden_layer(
     image: Tensor,
     signed_radius: Tensor,
     beyond: Backdrop | None = None,
     box: Box | None = None,
     wanted: Box | None = None,
     *,
-    further: float = 0.0,
     halvings: int = 0,
-) -> list[HiddenLayer]:
+) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
     Args:
@@ -78,14 +75,11 @@ def hidden_layers(
         signed_radius: [H, W] px.
         beyond: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
-        wanted: Where in it the layers matter; None if everywhere.
-        further: Greatest blur of what is continued behind the first layer, as a multiple of the
-            blur of that; 0 if nothing is.
-        halvings: How many times the resolution of the layers is halved, at most once.
+        wanted: Where in it the layer matters; None if everywhere.
+        halvings: How many times the resolution of the layer is halved, at most once.
 
     Returns:
-        What is in `wanted`, from front to back: what comes next, and what lies behind that where
-        the aperture sees past it, too. Fewer where nothing is hidden.
+        What is in `wanted`: what comes next behind each pixel. None where nothing is hidden.
     """
     H, W = signed_radius.shape
     beyond = beyond or backdrop(image, signed_radius)
@@ -101,19 +95,10 @@ def hidden_layers(
         view = half_view(half, middle)
     seen = _Seen(beyond, view, half, box)
     whole, wanted = Box(0, 0, *view.near.shape), view.cells(wanted)
-    blurs = [math.inf, further] if further else [math.inf]
-    near, among, found = view.near, torch.ones_like(view.near, dtype=torch.bool), []
-    at = whole
-    for number, blur in enumerate(blurs):
-        # what is put together, is whole
-        around = wanted.grown((_WIDEST >> halvings) * (len(blurs) - number), whole)
-        inner = around.seen_from(at)
-        layer = _behind(seen, inner.of(near), inner.of(among), around, blur)
-        if layer is None:
-            break
-        found.append((layer, around))
-        near, among, at = layer.signed_radius.detach(), layer.mask, around
-    return [HiddenLayer(*map(wanted.seen_from(around).of, layer)) for layer, around in found]
+    # what is put together, is whole
+    around = wanted.grown(_WIDEST >> halvings, whole)
+    layer = _behind(seen, around.of(view.near), around)
+    return layer and HiddenLayer(*map(wanted.seen_from(around).of, layer))
 
 
 class _Seen(NamedTuple):
@@ -132,33 +117,27 @@ class _Seen(NamedTuple):
     box: Box
 
 
-def _behind(
-    seen: _Seen, near: Tensor, among: Tensor, around: Box, blur: float
-) -> HiddenLayer | None:
+def _behind(seen: _Seen, near: Tensor, around: Box) -> HiddenLayer | None:
     """The next surface behind some cells of a part; None if there is none.
 
     Args:
         seen: The part.
         near: [h, w] px, the surface in front.
-        among: [h, w] bool, where it is.
         around: Where in the part these cells are.
-        blur: Greatest blur of what is continued, as a multiple of that in front.
     """
     beyond, view, half, box = seen
     halvings = view.halvings
     revealed = beyond.reach.behind(near, around, view.middle, halvings)
-    behind = among & (revealed.shown > near + STEP)
-    if blur < math.inf:
-        behind = behind & (revealed.source.abs() < near.abs() * blur)
+    behind = revealed.shown > near + STEP
     index = numbers_of(behind)
     if not len(index):
         return None
     y = index.div(around.width, rounding_mode="floor")
     at = torch.stack([y + around.top, index - y * around.width + around.left], 1)
-    of_near, cone, far, ceiling = (x.flatten().index_select(0, index) for x in (near, *revealed))
-    asked, spent = Asked(at, _border(of_near, far, cone), ceiling), far - cone
-    found = of_near.new_zeros(len(at), len(view.picture))
-    exists = torch.zeros_like(of_near, dtype=torch.bool)
+    cone, far, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
+    asked, spent = Asked(at, _border(front, far, cone), ceiling), far - cone
+    found = far.new_zeros(len(at), len(view.picture))
+    exists = torch.zeros_like(far, dtype=torch.bool)
     several = ceiling < torch.inf
     for some, side in (
         (several, 2),

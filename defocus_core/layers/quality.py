@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 
@@ -20,8 +19,6 @@ class Quality:
             occlude each other.
         unmixes: Whether a pixel that holds parts of two surfaces is taken apart; pictures that are
             rendered at half size gain nothing by it.
-        further: Greatest blur of a second hidden surface, as a multiple of the blur of the first
-            one before it; 0 for no second surface. A sharper one shows more.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
         hidden_halvings: How many times the resolution of hidden content is halved.
         least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
@@ -37,18 +34,12 @@ class Quality:
     far_spacing: float
     layer_ratio: float
     unmixes: bool
-    further: float
     hidden_stride: int
     hidden_halvings: int
     least_slope: float
     full_resolution: float
     half_size: bool
     parts: int
-
-    @property
-    def hidden_layers(self) -> int:
-        """Greatest number of hidden surfaces behind a pixel."""
-        return 2 if self.further else 1
 
     def in_cells(self) -> Quality:
         """The same settings for a picture at half size: lengths in cells of two px."""
@@ -61,7 +52,6 @@ _DRAFT = Quality(
     far_spacing=0.2,
     layer_ratio=2.0,
     unmixes=False,
-    further=1.013,
     hidden_stride=2,
     hidden_halvings=1,
     least_slope=0.2013,
@@ -83,7 +73,6 @@ _HIGH = replace(
     _STANDARD,
     far_spacing=0.06,
     layer_ratio=4 / 3,
-    further=math.inf,
     hidden_stride=1,
     hidden_halvings=0,
     least_slope=0.0513,

@@ -3,8 +3,8 @@
 A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
 of this: kernels sampled by area know no shift within a pixel, and shares in two slices keep the
 second moment of a blur, not its first. What is missing is made up for by the gradient of the
-surface's own colours (Taylor); so is the third moment, by which a half has a tail on one side. It
-changes no coverage, and only the pair: the centroids of the parts add up to nothing.
+surface's own colours (Taylor). It changes no coverage, and only the pair: the centroids of the
+parts add up to nothing.
 """
 
 from __future__ import annotations
@@ -18,13 +18,10 @@ from torch import Tensor
 from defocus_core.images.box import Box
 from defocus_core.layers.ladder import SHARP, SOFT
 from defocus_core.optics.aperture import LEFT, Aperture, Part
-from defocus_core.optics.pupil_moments import centroid, moments, third_moment
+from defocus_core.optics.pupil_moments import centroid, first_moments
 
 # Radii in px of slices whose shifts are made up for; beyond, what is missing is less than 0.03 px.
 NEAR = 2.0
-# Radii in px up to which the third moment counts, and from which it does not: colours that are
-# blurred by more have another third derivative than their own.
-_TAILED, _BLURRED = 1.0, 1.5
 # Px around a pixel that decide the gradient of its colours.
 AROUND = 2
 # Centroids less far than this above or below the middle of the lens are level with it.
@@ -34,17 +31,10 @@ _SAME = 0.513
 
 
 @lru_cache(maxsize=64)
-def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[tuple[float, float], ...]:
-    """By the left halves of slices: their radii in px, and their tails times the cube of these."""
-    whole, tail = centroid(aperture, LEFT)[0], third_moment(aperture)
-    found = []
-    for r in radii:
-        if abs(r) < NEAR:
-            x, _, cube = moments(r, aperture, LEFT)
-            found.append((x / whole, cube / whole))
-        else:
-            found.append((r, tail * r**3))
-    return tuple(found)
+def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[float, ...]:
+    """The radii of slices in px by which their left halves are shifted."""
+    whole = centroid(aperture, LEFT)[0]
+    return tuple(first_moments(r, aperture, LEFT)[0] / whole if abs(r) < NEAR else r for r in radii)
 
 
 class Shifts:
@@ -74,7 +64,6 @@ class Shifts:
         self._color, self._radius, self._places = color, signed_radius, places
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
         self._apparent = places.new_tensor(_apparent(radii, aperture))
-        self._tail = third_moment(aperture)
         # up to there pixels have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [centroid(aperture, part) for part in parts]
@@ -101,15 +90,12 @@ class Shifts:
             self._apparent.index_select(0, (number + i).clamp(max=len(self._apparent) - 1))
             for i in (0, 1)
         )
-        found, cube = torch.lerp(here, other, share.flatten()[:, None]).mT.reshape(2, *r.shape)
+        found = torch.lerp(here, other, share.flatten()).reshape(r.shape)
         # as positions do, it begins between SHARP and SOFT
         begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]
         slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
         changes = slopes * (found - begun * r)
-        tail = (cube - begun * self._tail * r**3) / 6
-        tail = tail * ((_BLURRED - size) / (_BLURRED - _TAILED)).clamp(0, 1)
-        changes[0] += inner.of(_third(color, radius)) * tail
         moved: Tensor = self._centroids[:, 0, None, None, None] * changes[0]
         for mean, change in zip(self._centroids.unbind(1)[1:], changes[1:], strict=True):
             moved = moved.addcmul(mean[:, None, None, None], change)
@@ -122,12 +108,6 @@ def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
     (a, b, c, d), (p, q, r, t) = steps, same
     plain = (b + c) / (q.to(color) + r).clamp(min=1)
     return torch.where(p & q & r & t, (7 * (b + c) - a - d) / 12, plain)
-
-
-def _third(color: Tensor, signed_radius: Tensor) -> Tensor:
-    """The third derivative [C, H, W] along rows within each surface, none at its ends."""
-    (a, b, c, d), (p, q, r, t) = _steps(color, signed_radius, -1)
-    return torch.where(p & q & r & t, (a + d - b - c) / 2, 0.0)
 
 
 def _steps(

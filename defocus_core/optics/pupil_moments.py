@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import torch
 
-from defocus_core.optics.aperture import LEFT, Aperture, Part, kernel
+from defocus_core.optics.aperture import Aperture, Part, kernel
 
 # Radius in px of the kernel of which a centroid is taken.
 _SAMPLED = 48.0
@@ -16,21 +16,13 @@ _SAMPLED = 48.0
 @lru_cache(maxsize=256)
 def centroid(aperture: Aperture, part: Part) -> tuple[float, float]:
     """The mean lens point (u.x, u.y) of a part of the pupil, to about 1e-4."""
-    x, y, _ = moments(_SAMPLED, aperture, part)
+    x, y = first_moments(_SAMPLED, aperture, part)
     return x / _SAMPLED, y / _SAMPLED
 
 
-@lru_cache(maxsize=256)
-def third_moment(aperture: Aperture) -> float:
-    """The mean u.x³ of the left half of the pupil, as a share of its mean u.x."""
-    x, _, cube = moments(_SAMPLED, aperture, LEFT)
-    return cube / (x * _SAMPLED**2)
-
-
-def moments(r: float, aperture: Aperture, part: Part) -> tuple[float, float, float]:
-    """Of the kernel of a part: mean px to the right and downwards, and of the cube of the first."""
+def first_moments(r: float, aperture: Aperture, part: Part) -> tuple[float, float]:
+    """Of the kernel of a part: mean px to the right and downwards."""
     extent = math.ceil(abs(r))
     shares = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, part)
     offset = torch.arange(-extent, extent + 1, dtype=shares.dtype)
-    across, down = shares.sum(0), shares.sum(1)
-    return float(across @ offset), float(down @ offset), float(across @ offset**3)
+    return float(shares.sum(0) @ offset), float(shares.sum(1) @ offset)

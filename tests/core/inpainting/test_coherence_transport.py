@@ -11,7 +11,7 @@ from torch.autograd import gradcheck
 
 from defocus_core.images.pyramid import Axis, axes
 from defocus_core.inpainting.coherence_transport import structure, transported
-from defocus_core.inpainting.hidden_layers import hidden_layers
+from defocus_core.inpainting.hidden_layers import hidden_layer
 from defocus_core.inpainting.two_layer_pyramid import coarser, pixels_of
 
 H, W = 96, 112
@@ -60,7 +60,8 @@ def test_edges_of_depth_have_no_direction() -> None:
 @pytest.mark.parametrize("degrees", [35.0, 60.0, 90.0, 120.0])
 def test_stripes_go_on_behind_a_bar(degrees: float) -> None:
     background = stripes(degrees)
-    (found,) = hidden_layers(*behind_a_bar(background))
+    found = hidden_layer(*behind_a_bar(background))
+    assert found is not None
     mask = found.mask.clone()
     mask[:24], mask[-24:] = False, False  # stripes that leave the frame have one end
     assert mask.any()
@@ -118,9 +119,11 @@ def test_one_end_counts_the_less_the_farther_it_is() -> None:
 
 def test_mirrored_pictures_hide_mirrored_content() -> None:
     image, radius = behind_a_bar(pattern((H, W)) + stripes(55.0).repeat(2, 1, 1)[:3])
-    (found,) = hidden_layers(image, radius)
+    found = hidden_layer(image, radius)
+    assert found is not None
     for dims in ((-1,), (-2,), (-2, -1)):
-        (other,) = hidden_layers(image.flip(dims), radius.flip(dims))
+        other = hidden_layer(image.flip(dims), radius.flip(dims))
+        assert other is not None
         assert worst(other.color.flip(dims), found.color) < 1e-10
 
 

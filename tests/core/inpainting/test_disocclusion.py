@@ -11,7 +11,7 @@ from defocus_core.images.box import Box
 from defocus_core.images.pyramid import axes
 from defocus_core.inpainting.disocclusion import DECAY, STEP
 from defocus_core.inpainting.frame_pyramid import backdrop
-from defocus_core.inpainting.hidden_layers import hidden_layers
+from defocus_core.inpainting.hidden_layers import hidden_layer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.render import render
 
@@ -34,7 +34,7 @@ def street(wires: slice = WIRES) -> tuple[Tensor, Tensor]:
 @pytest.mark.parametrize("halvings", [0, 1])
 def test_behind_a_wire_comes_what_is_beside_it(halvings: int) -> None:
     image, radius = street()
-    (hidden,) = hidden_layers(image, radius, halvings=halvings)
+    hidden = hidden_layer(image, radius, halvings=halvings)
     assert hidden is not None
     step = 1 << halvings
     on_wire = (slice(None), slice(WIRES.start // step, WIRES.stop // step))
@@ -51,7 +51,7 @@ def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(halvings: int
     wires = slice(24, 26)
     image, radius = street(wires)
     radius = torch.where(radius == WIRE, -12.0, torch.where(radius == SIGN, -9.0, 0.0)).double()
-    (hidden,) = hidden_layers(image, radius, halvings=halvings)
+    hidden = hidden_layer(image, radius, halvings=halvings)
     assert hidden is not None
     step = 1 << halvings
     rows, columns = slice(26 // step, 38 // step), slice(wires.start // step, wires.stop // step)
@@ -109,33 +109,30 @@ def crossing(wall: float = 0.0, wire: float = -8.0) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize("halvings", [0, 1])
-def test_behind_a_crossing_there_is_a_wire_and_behind_that_the_wall(halvings: int) -> None:
-    image, radius = crossing()
-    first, second = hidden_layers(image, radius, further=1.0, halvings=halvings)
-    step = 1 << halvings
-    rows, columns = slice(32 // step, 34 // step), slice(-(-38 // step), 41 // step)
-    for layer, r, channel, mixed in ((first, -8.0, 1, 0.25), (second, 0.0, 0, 1e-6)):
-        assert bool(layer.mask[rows, columns].all())
-        assert (layer.signed_radius[rows, columns] - r).abs().max() < 8 * mixed
-        assert (layer.color[channel][rows, columns] - 1).abs().max() < mixed
-    assert not bool((second.mask & ~first.mask).any())
-    assert len(hidden_layers(image, radius, halvings=halvings)) == 1
-
-
-@pytest.mark.parametrize(("wire", "further", "count"), [(-8.0, 1.0, 1), (-8.0, 2.0, 2)])
-def test_what_is_blurred_more_is_continued_no_further_than_asked(
-    wire: float, further: float, count: int
+@pytest.mark.parametrize(("wall", "channel"), [(0.0, 0), (12.0, 1)])
+def test_behind_a_crossing_goes_on_what_is_sharper(
+    wall: float, channel: int, halvings: int
 ) -> None:
-    assert len(hidden_layers(*crossing(12.0, wire), further=further)) == count
+    image, radius = crossing(wall)
+    layer = hidden_layer(image, radius, halvings=halvings)
+    assert layer is not None
+    step, sharper = 1 << halvings, min(wall, -8.0, key=abs)
+    rows, columns = slice(32 // step, 34 // step), slice(-(-38 // step), 41 // step)
+    assert bool(layer.mask[rows, columns].all())
+    assert (layer.signed_radius[rows, columns] - sharper).abs().max() < 2
+    assert (layer.color[channel][rows, columns] - 1).abs().max() < 0.25
 
 
-@pytest.mark.parametrize("quality", ["standard", "high"])
-def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(quality: str) -> None:
+# In high, pixels of the upright wire beside the crossing take a quarter of the level one.
+@pytest.mark.parametrize(("quality", "step"), [("standard", 0.15), ("high", 0.35)])
+def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(
+    quality: str, step: float
+) -> None:
     image, radius = crossing()
     wall = render(image, radius, quality=quality).render[0, 20:46, 28:52]
     through = (1 - 2 * 3 / (math.pi * 22)) * (1 - 2 * 6 / (math.pi * 8))  # what both let pass
     assert wall[13, 11] == pytest.approx(through, abs=0.1)
-    assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < 0.15
+    assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < step
 
 
 def test_beside_a_wire_a_draft_has_no_line() -> None:

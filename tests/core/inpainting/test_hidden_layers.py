@@ -7,7 +7,7 @@ from scenes import RADII, card_layers, flatten, pattern, slanted
 from tolerances import ROUNDING
 from torch import Tensor
 
-from defocus_core.inpainting.hidden_layers import hidden_layers
+from defocus_core.inpainting.hidden_layers import hidden_layer
 
 SIZE = (40, 56)
 EXACT = ROUNDING[torch.float64]
@@ -26,7 +26,7 @@ def test_a_slope_hides_nothing() -> None:
     """With |∇r| < 1 each lens point sees every point of the surface."""
     x = torch.arange(56, dtype=torch.float64).expand(SIZE)
     for radius in (slanted(SIZE), 0.95 * x - 20, 6 * torch.sin(x / 6.5)):
-        assert hidden_layers(pattern(SIZE), radius) == []
+        assert hidden_layer(pattern(SIZE), radius) is None
 
 
 @pytest.mark.parametrize(("card_r", "background_r"), [(-5.0, 4.0), (-7.0, 0.0), (3.0, 9.0)])
@@ -34,7 +34,9 @@ def test_hidden_is_only_what_lies_behind_the_rim_of_a_card(
     card_r: float, background_r: float
 ) -> None:
     _, radius = card(card_r, background_r)
-    mask = hidden_layers(*card(card_r, background_r))[0].mask
+    found = hidden_layer(*card(card_r, background_r))
+    assert found is not None
+    mask = found.mask
     behind = radius == card_r
     assert mask.any()
     assert not (mask & ~behind).any()
@@ -45,7 +47,8 @@ def test_hidden_is_only_what_lies_behind_the_rim_of_a_card(
 
 
 def test_hidden_content_comes_from_the_farther_side() -> None:
-    (found,) = hidden_layers(*card())
+    found = hidden_layer(*card())
+    assert found is not None
     assert worst(found.color[:, found.mask], torch.tensor([[0.0], [1.0]])) < EXACT
     assert worst(found.signed_radius[found.mask], 4.0) < EXACT
 
@@ -55,7 +58,8 @@ def test_a_surface_that_rises_towards_an_edge_is_not_behind_itself() -> None:
     wall, top = 24, 11
     y = torch.arange(64, dtype=torch.float64)[:, None].expand(64, 56)
     box = (-23 + 0.9 * (wall + top - y)).clamp(min=-23)
-    (found,) = hidden_layers((y >= wall).to(y)[None], torch.where(y < wall, 20.0, box))
+    found = hidden_layer((y >= wall).to(y)[None], torch.where(y < wall, 20.0, box))
+    assert found is not None
     close = found.mask & (y < wall + top + 12)
     assert close[wall + top :].any()
     assert worst(found.color[0, close], 0.0) < EXACT
@@ -67,14 +71,16 @@ def test_beside_an_edge_hidden_content_is_as_what_is_next_to_it(edge: int) -> No
     """Wherever in the frame it is: cells of a coarser resolution do not show."""
     x = torch.arange(56, dtype=torch.float64).expand(SIZE)
     image = ((x >= edge - 2) & (x < edge)).to(x)
-    (found,) = hidden_layers(image[None], torch.where(x < edge, 6.0, -6.0).to(x))
+    found = hidden_layer(image[None], torch.where(x < edge, 6.0, -6.0).to(x))
+    assert found is not None
     assert float(found.color[0, :, edge].min()) > 0.7
 
 
 @pytest.mark.parametrize("kind", ["steps", "checkerboard", "random"])
 def test_white_hides_white_and_what_is_hidden_is_farther(kind: str) -> None:
     radius = RADII[kind](SIZE)
-    (found,) = hidden_layers(torch.ones(1, *SIZE, dtype=torch.float64), radius)
+    found = hidden_layer(torch.ones(1, *SIZE, dtype=torch.float64), radius)
+    assert found is not None
     assert found.mask.any()
     assert worst(found.color[:, found.mask], 1.0) < EXACT
     assert bool((found.signed_radius > radius)[found.mask].all())
@@ -84,9 +90,9 @@ def test_white_hides_white_and_what_is_hidden_is_farther(kind: str) -> None:
 @pytest.mark.parametrize("size", [(40, 56), (41, 57)])
 def test_a_mirrored_frame_hides_the_mirrored(size: tuple[int, int], axis: int) -> None:
     image, radius = pattern(size), RADII["steps"](size)
-    (one,), (other,) = (
-        hidden_layers(image, radius),
-        hidden_layers(image.flip(axis), radius.flip(axis)),
-    )
+    one = hidden_layer(image, radius)
+    other = hidden_layer(image.flip(axis), radius.flip(axis))
+    assert one is not None
+    assert other is not None
     assert torch.equal(one.mask, other.mask.flip(axis))
     assert worst(one.color * one.mask, (other.color * other.mask).flip(axis)) < EXACT

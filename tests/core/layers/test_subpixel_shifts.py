@@ -47,20 +47,6 @@ def test_polygons_shift_by_their_own_centroids() -> None:
     assert shift(o.right) - shift(o.left) == pytest.approx(2 * r * 7 / 18, abs=0.04)
 
 
-@pytest.mark.parametrize("quality", ["standard", "high"])
-@pytest.mark.parametrize("r", [-0.9, -0.5, 0.3, 0.6, 1.0])
-def test_halves_have_a_tail_on_one_side(r: float, quality: str) -> None:
-    """Where x³ is 0 a half shows the mean of the cube over its disc: 8 r³ / (15π)."""
-    x = torch.arange(33, dtype=torch.float64) - 16
-    image = (x**3).expand(1, 24, 33).clone()
-    radius = torch.full(image.shape[1:], r, dtype=torch.float64)
-    o = render(image, radius, quality=quality, left_right=True)
-    assert o.left is not None
-    assert o.right is not None
-    apart = float((o.left - o.right)[0, 12, 16])
-    assert apart == pytest.approx(16 * r**3 / (15 * math.pi), rel=1e-3)
-
-
 def test_what_counts_as_in_focus_is_not_shifted() -> None:
     """And beyond it shifts begin without a step."""
     image = wave(SIZE)
