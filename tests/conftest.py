@@ -1,6 +1,5 @@
 """Paths, threads, and the two input files that tests of the command line share."""
 
-import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -10,8 +9,7 @@ import pytest
 import torch
 from command_line import color_exr, depth_exr
 
-from defocus_cli.options.shared import cores
-from defocus_cli.rendering import calibration
+from defocus_cli.rendering import forecast
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 
@@ -41,14 +39,8 @@ def depth(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def kept_calibrations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A cache of this run's own, as of a machine that does 10^9 units of work in a second."""
-    before = os.environ.get("XDG_CACHE_HOME")
-    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
-    for threads in {1, 2, cores()}:
-        calibration.keep(1e9, "cpu", threads)
-    yield
-    if before is None:
-        del os.environ["XDG_CACHE_HOME"]
-    else:
-        os.environ["XDG_CACHE_HOME"] = before
+def known_rate() -> Iterator[None]:
+    """Forecasts as of a machine that does 10^9 units of work in a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(forecast, "work_per_second", lambda device, threads: 1e9)
+        yield

@@ -67,15 +67,25 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
         InputError: the journal, or an output that must not be touched, is in the way; or nothing
             more can be written.
     """
-    for outputs in {job.outputs for job in jobs}:
+    every = {job.outputs for job in jobs}
+    for outputs in every:
         refuse_unwritable(outputs)
-    made = _made_directories(out)
+    folders = [
+        *{out / kind for outputs in every for kind in outputs.kinds},
+        out,
+        *out.absolute().parents,
+    ]
+    new = [folder for folder in folders if not folder.exists()]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(out, error) from error
     try:
         with locked(out, how.shard, say=console.say) as require_lock:
             return _carried_out(jobs, out, how, listener, require_lock)
     finally:
-        for folder in made:
-            with suppress(OSError):  # something was written
+        for folder in new:
+            with suppress(OSError):  # something was written to it, or it was never made
                 folder.rmdir()
 
 
@@ -227,16 +237,6 @@ def _chunks(todo: Sequence[tuple[Job, str]], spread: int) -> Iterator[Chunk]:
         chunk.append((number, job))
     if chunk:
         yield chunk
-
-
-def _made_directories(out: Path) -> list[Path]:
-    """Make OUT; the directories that are new, the innermost first."""
-    new = [folder for folder in (out, *out.absolute().parents) if not folder.exists()]
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(out, error) from error
-    return new
 
 
 def _now() -> str:

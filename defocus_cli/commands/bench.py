@@ -17,7 +17,7 @@ from defocus_cli.bench.timing import RADII, SIZES, Size, cases, time_case, warm_
 from defocus_cli.bench.truth_set import find_shots, read, sample_set
 from defocus_cli.jobs.job import DEVICES, QUALITIES
 from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, Names
+from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
 from defocus_cli.system import console
 from defocus_cli.system.errors import UsageProblem
 
@@ -59,7 +59,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 @click.option(
     "--quality",
     "qualities",
-    type=Names(QUALITIES),
+    type=names_of(QUALITIES, "quality"),
     default=(),
     metavar="QUALITY,…",
     help=f"What to measure, of {', '.join(QUALITIES)}.  "

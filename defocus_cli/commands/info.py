@@ -11,7 +11,7 @@ from defocus_cli.options import shared
 from defocus_cli.options.lens import lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import inspection_report
-from defocus_cli.reports.inspection import have_parts, inspect
+from defocus_cli.reports.inspection import inspect
 from defocus_cli.system import console
 from defocus_cli.system.errors import UserError
 
@@ -50,10 +50,9 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     """  # noqa: D301  click reads the backspace
     failed: UserError | None = None
     records = []
-    beside_parts = reading.part is not None and have_parts(files)
     for file in files:  # each is told before the next is read
         try:
-            inspection = inspect(file, reading, lens, beside_parts=beside_parts)
+            inspection = inspect(file, reading, lens, lone=len(files) == 1)
         except UserError as error:
             if failed:
                 failed.show()

@@ -34,8 +34,8 @@ not know are refused.
 Kinds:
 {_KINDS}
 
---dry-run opens the inputs and renders nothing. What it says of time goes by a measurement of
-this machine, made once and kept.
+--dry-run opens the inputs and renders nothing but a small made picture, to know how fast this
+machine is.
 
 \b
 Examples:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from defocus_cli.jobs.job import Machine
 from defocus_cli.options import shared
 from defocus_cli.options.types import GroupedCommand
 from defocus_cli.reports import verify_table
+from defocus_cli.reports.batch_report import bar
 from defocus_cli.system import console
 from defocus_cli.system.console import counted
 from defocus_cli.system.process import set_to_render
@@ -78,11 +78,7 @@ def _watched(setting: Setting) -> Iterator[Check]:
     """All checks, with a bar that counts the laws if a terminal sees."""
     from defocus_core import LAWS, verify
 
-    if sys.stderr is None or not sys.stderr.isatty():  # None: closed by whoever started us
+    with bar("law", len(LAWS)) as laws:
         for checks in verify(setting):
+            laws.update()
             yield from checks
-        return
-    from tqdm import tqdm
-
-    for checks in tqdm(verify(setting), total=len(LAWS), unit="law", file=sys.stderr, leave=False):
-        yield from checks

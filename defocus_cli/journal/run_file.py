@@ -23,7 +23,7 @@ from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import leftover, unwritable, written_whole
 
 _PLAN: Types = {"begun": (str,), "left": (int,), "again": (int,)}
-_LEFTOVER = re.compile(r"\..+\.(\d+)(\.\d+\.tmp|\.before)")
+_LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")
 SHARDS_FOLDER = "shards"  # of tars
 
 

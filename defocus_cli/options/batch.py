@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from functools import cached_property, wraps
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,8 @@ from defocus_cli.batch.execution import Execute
 from defocus_cli.jobs.job import Job, Machine
 from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.journal.journal import Shard
-from defocus_cli.options.shared import cores, machine_option, memory_options
-from defocus_cli.options.types import Command, Quantity, option_name
+from defocus_cli.options.shared import cores, device_option, machine_option, memory_options
+from defocus_cli.options.types import Command, Quantity, bundle, option_name
 from defocus_cli.rendering import memory_budget
 from defocus_cli.system import memory
 from defocus_cli.system.errors import UsageProblem
@@ -103,49 +103,32 @@ class Crew:
 
 def crew_options(command: Command) -> Command:
     """Hand a command ``crew``: who computes."""
-
-    @wraps(command)
-    def call(*args: Any, **params: Any) -> Any:
-        names = ("scheduler", "processes", "threads", "device", "memory", "tile")
-        return command(*args, crew=Crew(**{name: params.pop(name) for name in names}), **params)
-
-    optioned: Any = call
-    for option in reversed(
-        [
-            machine_option(
-                "--scheduler",
-                default="local",
-                show_default=True,
-                metavar="local|tcp://…",
-                help="Who does the jobs: processes of this machine, or a Dask scheduler "
-                "(pip install 'defocus[dask]').",
-            ),
-            machine_option(
-                "--processes",
-                type=click.IntRange(min=1),
-                metavar="N",
-                help="Processes on this machine.  [default: cores / threads; without --threads "
-                "one for each core and 2 GB that are free; 1 with a GPU]",
-            ),
-            machine_option(
-                "--threads",
-                type=click.IntRange(min=1),
-                metavar="N",
-                help="Threads of each process.  [default: cores / processes; 1 on Dask]",
-            ),
-            machine_option(
-                "--device",
-                type=click.Choice(["auto", "cpu", "cuda"]),
-                default="auto",
-                show_default=True,
-                help="Where to compute; auto takes a GPU if there is one.",
-            ),
-            *memory_options(),
-        ]
-    ):
-        optioned = option(optioned)
-    decorated: Command = optioned
-    return decorated
+    options = [
+        machine_option(
+            "--scheduler",
+            default="local",
+            show_default=True,
+            metavar="local|tcp://…",
+            help="Who does the jobs: processes of this machine, or a Dask scheduler "
+            "(pip install 'defocus[dask]').",
+        ),
+        machine_option(
+            "--processes",
+            type=click.IntRange(min=1),
+            metavar="N",
+            help="Processes on this machine.  [default: cores / threads; without --threads "
+            "one for each core and 2 GB that are free; 1 with a GPU]",
+        ),
+        machine_option(
+            "--threads",
+            type=click.IntRange(min=1),
+            metavar="N",
+            help="Threads of each process.  [default: cores / processes; 1 on Dask]",
+        ),
+        device_option(),
+        *memory_options(),
+    ]
+    return bundle("crew", Crew, options)(command)
 
 
 class ShardType(click.ParamType[Shard]):

@@ -29,10 +29,10 @@ from defocus_cli.options.types import (
     Decorator,
     FilePath,
     Format,
-    Kinds,
     Quantity,
     bundle,
     grouped_option,
+    names_of,
 )
 from defocus_cli.system.errors import UsageProblem
 
@@ -101,7 +101,7 @@ def output_options(command: Command) -> Command:
             option(
                 "--outputs",
                 "kinds",
-                type=Kinds(),
+                type=names_of(tuple(KINDS), "output"),
                 default="render",
                 show_default=True,
                 metavar="KIND,…",
@@ -178,13 +178,7 @@ def _computing() -> list[Decorator]:
             help="Accuracy, bought with time; a draft is rendered at half of the size, and what is "
             f"in focus gets its detail back.  [default: {Machine.quality}]",
         ),
-        machine_option(
-            "--device",
-            type=click.Choice(DEVICES),
-            default="auto",
-            show_default=True,
-            help="Where to compute; auto takes a GPU if there is one.",
-        ),
+        device_option(),
         machine_option(
             "--threads",
             type=click.IntRange(min=1),
@@ -193,6 +187,13 @@ def _computing() -> list[Decorator]:
             help="Threads to compute with.  [default: one for each core]",
         ),
     ]
+
+
+def device_option() -> Decorator:
+    """``--device``: where to compute."""
+    text = "Where to compute; auto takes a GPU if there is one."
+    kind = click.Choice(DEVICES)
+    return machine_option("--device", type=kind, default="auto", show_default=True, help=text)
 
 
 def memory_options() -> list[Decorator]:

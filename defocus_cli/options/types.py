@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import (
-    FORMAT_ALIASES,
-    KINDS,
-    SUFFIXES,
-)
+from defocus_cli.formats.kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_cli.jobs import quantities
 from defocus_cli.system.errors import UsageProblem
 
@@ -58,50 +53,14 @@ class Quantity(click.ParamType[Any]):
             raise UsageProblem(option_name(param), error.problem, error.remedy) from None
 
 
-class Kinds(click.ParamType[tuple[str, ...]]):
-    """Kinds of output, separated by commas."""
-
-    name = "kinds"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """Split and check; each kind once, in the order given."""
-        if not isinstance(value, str):
-            return tuple(value)
-        kinds = tuple(dict.fromkeys(kind.strip() for kind in value.split(",")))
-        for kind in kinds:
-            if kind not in KINDS:
-                remedy = f"choose from {', '.join(KINDS)}, separated by commas"
-                raise UsageProblem(option_name(param), f"'{kind}' is not an output", remedy)
-        return kinds
-
-
-class Names(click.ParamType[tuple[str, ...]]):
-    """Names separated by commas, each once; any if none are known."""
-
-    name = "names"
-
-    def __init__(self, known: Sequence[str] = ()) -> None:
-        self.known = known
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """Split and check."""
-        if not isinstance(value, str):
-            return tuple(value)
-        names = tuple(dict.fromkeys(name.strip() for name in value.split(",")))
-        for name in names:
-            if not name or (self.known and name not in self.known):
-                known = f"choose from {', '.join(self.known)}" if self.known else "give names"
-                problem = f"'{name}' is not known" if name else "has an empty name"
-                raise UsageProblem(option_name(param), problem, f"{known}, separated by commas")
-        return names
-
-
 class Listed(click.ParamType[tuple[Any, ...]]):
-    """Values separated by commas, each once; `parse` raises ValueError for what is none."""
+    """Values separated by commas, each once, in the order given.
+
+    Args:
+        parse: makes a value of a word; raises ValueError for a word that is none.
+        name: of a value, for errors.
+        example: values as a user writes them, or the values that there are.
+    """
 
     def __init__(self, parse: Callable[[str], Any], name: str, example: str) -> None:
         self.parse = parse
@@ -114,15 +73,24 @@ class Listed(click.ParamType[tuple[Any, ...]]):
         """Split and parse."""
         if not isinstance(value, str):
             return tuple(value)
-        found = []
+        values = []
         for word in value.split(","):
             try:
-                found.append(self.parse(word.strip()))
+                values.append(self.parse(word.strip()))
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
                 remedy = f"write like {self.example}"
                 raise UsageProblem(option_name(param), problem, remedy) from None
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys(values))
+
+
+def names_of(known: Sequence[str], name: str) -> Listed:
+    """The type of an option that takes names of ``known``, separated by commas."""
+
+    def parse(word: str) -> str:
+        return known[known.index(word)]
+
+    return Listed(parse, name, ",".join(known))
 
 
 class Format(click.Choice[str]):
@@ -134,20 +102,6 @@ class Format(click.Choice[str]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The one name of a format."""
         return super().convert(FORMAT_ALIASES.get(value, value), param, ctx)
-
-
-def refuse_kinds_with_blanks(args: Sequence[str]) -> None:
-    """Refuse ``--outputs left right``, whose ``right`` click would take for the colour file."""
-    for place, arg in enumerate(args):
-        if arg != "--outputs" and not arg.startswith("--outputs="):
-            continue
-        _, equals, value = arg.partition("=")
-        words = [value] * bool(equals) + list(args[place + 1 :])
-        stray = takewhile(lambda w: w.strip(",") in KINDS and not Path(w).exists(), words[1:])
-        kinds = [word.strip(",") for word in (*words[:1], *stray)]
-        if len(kinds) > 1:
-            problem = f"blanks separate {' '.join(kinds)}"
-            raise UsageProblem("--outputs", problem, f"write commas, like {','.join(kinds)}")
 
 
 class GroupedOption(click.Option):
@@ -163,7 +117,6 @@ class GroupedCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; click forgets which command an option without its value belongs to."""
-        refuse_kinds_with_blanks(args)
         try:
             return super().parse_args(ctx, args)
         except click.UsageError as error:

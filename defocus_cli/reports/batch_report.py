@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli.batch.job_result import Result
 from defocus_cli.batch.plan import Plan
@@ -20,6 +20,9 @@ from defocus_cli.system import console
 from defocus_cli.system.console import counted, duration
 from defocus_cli.system.errors import Interrupted, SomeFailed
 from defocus_cli.system.safe_files import spoken
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
@@ -79,35 +82,28 @@ class Told:
     @contextmanager
     def bar(self, unit: str) -> Iterator[None]:
         """Count jobs on a bar while the block runs, if stderr is a terminal."""
-        if not watched():
-            yield
-            return
-        from tqdm import tqdm
-
-        with tqdm(unit=unit, file=sys.stderr, leave=False) as self._bar:
+        with bar(unit) as self._bar:
             yield
         self._bar = None
 
 
-def watched() -> bool:
-    """Whether somebody looks at stderr; it is None if closed by whoever started us."""
-    return sys.stderr is not None and sys.stderr.isatty()
+def bar(unit: str, total: int | None = None) -> tqdm[Any]:
+    """A progress bar on stderr, if that is a terminal."""
+    from tqdm import tqdm
+
+    watched = sys.stderr is not None and sys.stderr.isatty()  # None: closed by whoever started us
+    return tqdm(total=total, unit=unit, file=sys.stderr, leave=False, disable=not watched)
 
 
 @contextmanager
-def tile_bar() -> Iterator[Any]:
-    """What to tell (tiles done, tiles in all) of a lone picture; None if nobody watches."""
-    if not watched():
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(unit="tile", file=sys.stderr, leave=False) as bar:
+def tile_bar() -> Iterator[Callable[[int, int], None]]:
+    """Call what this gives with (tiles done, tiles in all) of a lone picture."""
+    with bar("tile") as tiles:
 
         def count(done: int, total: int) -> None:
-            if bar.total is None:
-                bar.reset(total)
-            bar.update(done - bar.n)
+            if tiles.total is None:
+                tiles.reset(total)
+            tiles.update(done - tiles.n)
 
         yield count
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from defocus_cli.formats.kinds import KINDS, MAPS, Kind
@@ -63,27 +64,14 @@ class Inspection:
     maps: tuple[MapFound, ...] = ()
 
 
-def have_parts(paths: Sequence[Path]) -> bool:
-    """Whether any of some files, as far as they can be read, has several parts."""
-    from defocus_cli.formats.describe import describe
-
-    for path in paths:
-        with suppress(InputError):
-            if len(describe(path).parts) > 1:
-                return True
-    return False
-
-
-def inspect(
-    path: Path, reading: Reading, lens: Lens | None, *, beside_parts: bool = False
-) -> Inspection:
+def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> Inspection:
     """Read a file as ``defocus render`` would, and say what is in it.
 
     Args:
         path: the file.
         reading: what to take from it.
         lens: what to say the blur of; None for none.
-        beside_parts: the part that is asked for may be that of another file, if this has but one.
+        lone: no other file may have the part that is asked for.
 
     Raises:
         InputError: the file cannot be read, or does not have what ``reading`` names.
@@ -95,7 +83,7 @@ def inspect(
     from defocus_cli.formats.exr_channels import require_part
 
     info = describe(path)
-    if reading.part is not None and (len(info.parts) > 1 or not beside_parts):
+    if reading.part is not None and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
     color_note = _why_no_color(info, reading)
     depth_note = _why_no_depth(info, reading)
@@ -112,52 +100,51 @@ def inspect(
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
     """Why a file has no colour to blur; empty if it has."""
     from defocus_cli.formats.exr_channels import choose_color
-    from defocus_cli.formats.exr_header import is_exr, read_headers
-    from defocus_cli.formats.raster import choose_page
-    from defocus_cli.system.safe_files import read_head
 
-    if is_exr(read_head(info.path)):
-        try:
-            choose_color(
-                info.path, read_headers(info.path), layer=reading.color_layer, part=reading.part
-            )
-        except InputError as error:
-            if reading.color_layer is not None:
-                raise
-            return _clause(error)
-        return ""
-    try:
-        page = choose_page(info.path, info.parts, reading.part)
-    except InputError as error:
-        return _clause(error)
-    names = {name for name, _ in page.channels}
+    layer = reading.color_layer
+    why, channels = _chosen(info, reading, partial(choose_color, layer=layer), named=layer)
+    if why or channels is None:
+        return why
+    names = {name for name, _ in channels}
     return "" if {"R", "G", "B"} <= names or "Y" in names else "has no colour channels"
 
 
 def _why_no_depth(info: FileInfo, reading: Reading) -> str:
     """Why a file has no depth; empty if it has."""
     from defocus_cli.formats.exr_channels import choose_depth
+
+    channel = reading.depth_channel
+    why, channels = _chosen(info, reading, partial(choose_depth, channel=channel), named=channel)
+    if why or channels is None:
+        return why
+    if len(channels) != 1:
+        return f"has {len(channels)} channels, and depth is one"
+    return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
+
+
+def _chosen(
+    info: FileInfo, reading: Reading, choose: Callable[..., object], *, named: str | None
+) -> tuple[str, tuple[tuple[str, str], ...] | None]:
+    """Why nothing of a file can be chosen, empty if something can; and the channels of its page.
+
+    An EXR has no pages: its channels are chosen by ``choose``.
+
+    Raises:
+        InputError: an EXR does not have the channels that the user has ``named``.
+    """
     from defocus_cli.formats.exr_header import is_exr, read_headers
     from defocus_cli.formats.raster import choose_page
     from defocus_cli.system.safe_files import read_head
 
-    if is_exr(read_head(info.path)):
-        try:
-            choose_depth(
-                info.path, read_headers(info.path), channel=reading.depth_channel, part=reading.part
-            )
-        except InputError as error:
-            if reading.depth_channel is not None:
-                raise
-            return _clause(error)
-        return ""
     try:
-        channels = choose_page(info.path, info.parts, reading.part).channels
+        if not is_exr(read_head(info.path)):
+            return "", choose_page(info.path, info.parts, reading.part).channels
+        choose(info.path, read_headers(info.path), part=reading.part)
     except InputError as error:
-        return _clause(error)
-    if len(channels) != 1:
-        return f"has {len(channels)} channels, and depth is one"
-    return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
+        if named is not None and is_exr(read_head(info.path)):
+            raise
+        return _clause(error), None
+    return "", None
 
 
 def _maps(info: FileInfo) -> tuple[MapFound, ...]:

@@ -6,11 +6,6 @@ more is in memory than the window that is looked at.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    import torch
-
 import math
 import os
 import tempfile
@@ -18,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli.system.errors import InputError, reason
 
@@ -150,8 +145,6 @@ class Windows:
     def __getitem__(self, window: Any) -> torch.Tensor:
         """A window, on the device."""
         import numpy as np
-
-        pass
 
         cuts = window if isinstance(window, tuple) else (window,)
         cuts = tuple(cut for cut in cuts if cut is not Ellipsis)

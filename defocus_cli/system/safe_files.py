@@ -13,6 +13,7 @@ import os
 import sys
 import threading
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, BinaryIO
 
 from defocus_cli.system.errors import InputError, reason
@@ -28,6 +29,8 @@ UNASKED_BYTES = 2**28
 
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
+# The files of the innermost `written_together`, by their hidden siblings; None outside.
+_together: ContextVar[dict[Path, Path] | None] = ContextVar("together", default=None)
 
 
 def read_head(path: Path, count: int = 16) -> bytes:
@@ -50,8 +53,6 @@ def read_head(path: Path, count: int = 16) -> bytes:
     except FileNotFoundError as error:
         raise missing(path) from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
-        if isinstance(error, OSError) and error.errno == errno.ELOOP:
-            raise missing(path) from error
         remedy = "check its permissions"
         raise InputError(path, f"cannot be opened: {reason(error)}", remedy) from error
     if not head:
@@ -61,15 +62,10 @@ def read_head(path: Path, count: int = 16) -> bytes:
 
 def missing(path: Path, what: str = "file") -> InputError:
     """The InputError for a path at which nothing is, or a link that leads to nothing."""
-    if not path.is_symlink():
-        return InputError(path, f"no such {what}", "check the name")
-    problem = "is a symbolic link that leads to nothing"
-    try:
-        path.stat()
-    except OSError as error:
-        if error.errno == errno.ELOOP:
-            problem = "is a symbolic link that leads in a circle"
-    return InputError(path, problem, "make the link anew, or name another path")
+    if path.is_symlink():
+        problem = "is a symbolic link that leads to nothing"
+        return InputError(path, problem, "make the link anew, or name another path")
+    return InputError(path, f"no such {what}", "check the name")
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
@@ -138,30 +134,59 @@ def leftover(path: Path, process: int) -> str:
 def written_whole(path: Path) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
-    Parent directories are made. If anything fails, the sibling and the directories made for it are
-    gone again and an existing ``path`` is untouched.
+    Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
+    is untouched.
 
     Raises:
         InputError: for any OSError, a full disk among them.
     """
     sibling = path.with_name(f"{leftover(path, os.getpid())}{next(_serial)}.tmp")
-    made: list[Path] = []
+    together = _together.get()
     try:
-        _make_directories(path.parent, made)
+        path.parent.mkdir(parents=True, exist_ok=True)
         with sibling.open("wb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        sibling.replace(path)
+        if together is None:
+            sibling.replace(path)
+        else:
+            together[sibling] = path
     except BaseException as error:
         with suppress(OSError):
             sibling.unlink()
-        for directory in reversed(made):
-            with suppress(OSError):  # no longer empty: someone else uses it
-                directory.rmdir()
         if isinstance(error, OSError):
             raise unwritable(path, error) from error
         raise
+
+
+@contextmanager
+def written_together() -> Iterator[None]:
+    """Files that are `written_whole` in the block take their places when it ends well, or none.
+
+    Their names are durable when this returns.
+
+    Raises:
+        InputError: the system refused a file.
+    """
+    files: dict[Path, Path] = {}
+    token = _together.set(files)
+    try:
+        yield
+        for sibling, path in files.items():
+            try:
+                sibling.replace(path)
+                sync_folder(path.parent)
+                sync_folder(path.parent.parent)  # which may have a new directory
+            except OSError as error:
+                raise unwritable(path, error) from error
+    except BaseException:
+        for sibling in files:
+            with suppress(OSError):
+                sibling.unlink()
+        raise
+    finally:
+        _together.reset(token)
 
 
 def sync_folder(folder: Path) -> None:
@@ -190,12 +215,3 @@ def unwritable(path: Path, error: OSError) -> InputError:
     }
     remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
     return InputError(path, f"cannot be written: {reason(error)}", remedy)
-
-
-def _make_directories(directory: Path, made: list[Path]) -> None:
-    """Like ``mkdir -p``, noting in ``made`` which directories are new."""
-    if not directory.exists():
-        _make_directories(directory.parent, made)
-        with suppress(FileExistsError):  # another process was faster
-            directory.mkdir()
-            made.append(directory)
