@@ -2,8 +2,8 @@
 
 The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
 of the near one: the greatest of r_far - |q - far| over all edges says how far anything shows (a
-dilation by a cone). But what shows is what comes next. Behind a wire before a sign this is the
-sign, even where the sky beside the sign would reach; so the closest edge is told, too, and its
+dilation by a cone). But the surface that shows is the next one. Behind a wire before a sign it is
+the sign, even where the sky beside the sign would reach; so the closest edge is kept, too, and its
 surface is continued if it is the sharper one.
 """
 
@@ -23,31 +23,30 @@ from defocus_core.images.pyramid import Axis, Halves, halves, spread_out
 STEP = 0.513
 # Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
 DECAY = 0.70710678
-# Where between the radii of the surface that is continued and of the farthest one the ceiling is.
+# The ceiling's place between the radii of the continued and of the farthest surface, in [0, 1].
 _CEILING = 0.497
-# Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
+# Cones are compared in grains of 2^_FINEST px, or coarser if a radius exceeds 2^_LEVELS grains.
 _FINEST = -4
 _LEVELS = 13
 _BITS = 16
 _RADIUS = (1 << _BITS) - 1
 _NOWHERE = -2 << _LEVELS << _BITS
-# Grains by which radii between two of them belong to the greater: depth in half precision has many
-# in the middle.
+# Grains added before rounding: radii from depth in half precision often lie in the middle of two.
 _BETWEEN = 0.013
-# Radii beyond this count as this: no frame is as wide.
+# Greatest radius in px; no frame is as wide.
 _MOST = 4096.0
 # Pixels that are dilated at once.
 _PIXELS = 1 << 20
 
 
 class Revealed(NamedTuple):
-    """What may show behind some cells.
+    """The hidden surface that may show behind each cell.
 
     Attributes:
-        shown: [h, w] px, the radius in front of which it shows; below all radii where nothing does.
-        source: [h, w] px, that of the edge it goes on from.
-        ceiling: [h, w] px, from which on a radius belongs to what lies behind that again; infinite
-            where nothing does.
+        shown: [h, w] px: behind nearer radii than this it shows; below all radii where none shows.
+        source: [h, w] px, the radius at the edge that it is continued from.
+        ceiling: [h, w] px, the radius from which on a surface lies behind it; infinite where no
+            surface does.
     """
 
     shown: Tensor
@@ -56,15 +55,15 @@ class Revealed(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Edges of a frame, as its cells of half of the resolution see them.
+    """The edges that reach each cell of half resolution of a frame.
 
     Radii are integers, in grains.
 
     Attributes:
         farthest: [h, w], the greatest cone in the upper bits, and the radius of its edge in the
-            lower ones.
-        closest: [h, w], minus the px to the closest edge, and its radius likewise.
-        grain: Px.
+            lower bits.
+        closest: [h, w], minus the px to the closest edge (upper bits), its radius (lower bits).
+        grain: Px of radius per unit.
         fine: Where the middle of the frame is at full resolution.
     """
 
@@ -76,22 +75,22 @@ class Reach(NamedTuple):
     def behind(
         self, near: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
     ) -> Revealed:
-        """What may show behind each cell.
+        """The hidden surface that may show behind each cell.
 
         Args:
             near: [height, width] px, the surface in front.
-            cells: Of the frame at full (0) or half (1) of its resolution, from some corner.
-            middle: Where the middle of the frame is from there.
+            cells: A rectangle at full (0) or half (1) resolution, counted from any corner.
+            middle: The middle of the frame, counted from the same corner.
             halvings: 0 or 1.
         """
-        cone, far = self._told(self.farthest, cells, middle, halvings)
+        cone, far = self._unpacked(self.farthest, cells, middle, halvings)
         # two pixels of neighbouring cells may be a px apart, and not two
         cone = torch.minimum(cone + math.floor(DECAY / self.grain), far)
         shown, source = cone.to(near.dtype) * self.grain, far.to(near.dtype) * self.grain
-        away, radius = self._told(self.closest, cells, middle, halvings)
+        away, radius = self._unpacked(self.closest, cells, middle, halvings)
         spent, next_one = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
         comes_next = (next_one - spent > near + STEP) & (source > next_one + STEP)
-        # what is blurred more hardly shows that a part of it is missing
+        # a gap in a more blurred surface is hardly visible
         comes_next = comes_next & (next_one.abs() <= source.abs())
         return Revealed(
             torch.where(comes_next, next_one - spent, shown),
@@ -99,10 +98,10 @@ class Reach(NamedTuple):
             torch.where(comes_next, torch.lerp(next_one, source, _CEILING), torch.inf),
         )
 
-    def _told(
+    def _unpacked(
         self, edges: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
     ) -> tuple[Tensor, Tensor]:
-        """The upper and the lower bits of some cells."""
+        """The upper and the lower bits of edges in a rectangle of cells."""
         cuts = []
         for d, axis in enumerate(middle):
             fine, start, length = self.fine[d].middle, cells[d] - axis.middle, cells[d + 2]
@@ -121,7 +120,7 @@ class Reach(NamedTuple):
 
 
 def grain_of(least: float, most: float) -> float:
-    """Px that tell radii between two apart."""
+    """Px of radius per grain, for radii between two."""
     largest = min(max(-least, most, 1.0), _MOST)
     return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
 
@@ -131,9 +130,9 @@ def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis,
 
     Args:
         r: [H, W] px.
-        farther: Numbers of these pixels.
-        grain: Px.
-        middle: Of the frame.
+        farther: Numbers of the farther pixels at edges.
+        grain: Px of radius per unit.
+        middle: The middle of the frame.
     """
     grains = r.flatten()[farther].clamp(-_MOST, _MOST) / grain
     radii = (grains + _BETWEEN).round().to(torch.int32)
@@ -163,7 +162,7 @@ def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) 
 
 
 def _cells(place: Tensor, axis: Halves) -> list[Tensor]:
-    """The one or two cells of half resolution that pixels are part of, along an axis."""
+    """The one or two cells of half resolution that each pixel is part of, along an axis."""
     place = place + axis.before
     if not axis.axis.odd:
         return [place.div(2, rounding_mode="floor")]
@@ -179,10 +178,10 @@ def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
             n = edges.shape[dim] - stride
             if n < 1:
                 continue
-            for some in torch.split(edges, max(1, _PIXELS // edges.shape[dim]), 1 - dim):
-                fallen = some - fall
+            for part in torch.split(edges, max(1, _PIXELS // edges.shape[dim]), 1 - dim):
+                fallen = part - fall
                 for target, source in ((0, stride), (stride, 0)):
-                    side = some.narrow(dim, target, n)
+                    side = part.narrow(dim, target, n)
                     torch.maximum(side, fallen.narrow(dim, source, n), out=side)
         reached, stride = reached + stride, 2 * stride
     return edges

@@ -3,9 +3,9 @@
 Neighbouring pixels whose radii differ by more than one px hold a depth edge: with |∇r| < 1 the map
 from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.
 From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
-is continued by the colour and radius of what lies farther, near by first, and along the lines that
-lead there. Behind what is so invented the same is asked once more: where two wires cross before a
-wall, the farther one goes on behind the nearer one, and the wall behind both.
+is continued from the colour and radius of farther surfaces around, and along the lines that lead
+there. Behind this first hidden layer a second one is made in the same way: where two wires cross
+before a wall, the farther wire goes on behind the nearer one, and the wall behind both.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from defocus_core.inpainting.push_pull import Asked, continued, nearby
 from defocus_core.inpainting.region_view import View, half_view, whole_view
 from defocus_core.inpainting.two_layer_pyramid import Level, coarser, pixels_of
 
-# Where between a near and a far radius the border is that tells them apart: where the far one is
-# shown with more than half of its distance left, and where with less.
+# Place of the border between a near and a far radius, in [0, 1]: where more than half of the far
+# surface's reach is left, and where less.
 _BETWEEN, _NEARER = 0.377, 0.177
-# Px of reach that are spent up to which lines go on behind an edge.
+# Spent reach in px up to which lines are continued behind an edge.
 _LINES = 20.1 * DECAY
-# The same up to which something may be next to a pixel.
+# Spent reach in px up to which the picture next to a pixel is read at half resolution.
 _CLOSE = 4.1 * DECAY
-# Resolutions, a quarter and less, that decide the direction of lines together.
+# Number of levels, from a quarter down, whose structure tensors are summed.
 _DIRECTIONS = 3
-# Px on a side of the widest of the cells in which pixels are put together, or more.
+# Width in px of the widest group of cells, or more.
 _WIDEST = 6
-# By how much what is next to a pixel counts more than what fills its surroundings.
+# Weight of the picture next to a pixel, relative to the coarser levels.
 _NEXT = 4.0
 
 
 def px_around(count: int) -> int:
-    """Px around a region from which so many layers of what it hides are continued."""
+    """Px around a region from which `count` hidden layers are continued."""
     return FARTHEST + 2 + count * _WIDEST
 
 
@@ -76,16 +76,16 @@ def hidden_layers(
     Args:
         image: [C, H, W] linear.
         signed_radius: [H, W] px.
-        beyond: The frame that this is a part of; None if it is the whole.
-        box: Where in the frame it is.
-        wanted: Where in it the layers matter; None if everywhere.
-        further: Greatest blur of what is continued behind the first layer, as a multiple of the
-            blur of that; 0 if nothing is.
+        beyond: The pyramid of the frame that the image is a part of; None if it is the whole.
+        box: The place of the image in the frame.
+        wanted: The rectangle of the image to return; None for all of it.
+        further: Greatest blur of the second hidden layer, as a multiple of the blur of the first;
+            0 for no second layer.
         halvings: How many times the resolution of the layers is halved, at most once.
 
     Returns:
-        What is in `wanted`, from front to back: what comes next, and what lies behind that where
-        the aperture sees past it, too. Fewer where nothing is hidden.
+        The layers in `wanted`, from front to back: the next surface, and the one behind it where
+        the aperture sees past both. Fewer where nothing is hidden.
     """
     H, W = signed_radius.shape
     beyond = beyond or backdrop(image, signed_radius)
@@ -99,31 +99,31 @@ def hidden_layers(
     half = coarser(pixels_of(view.picture, signed_radius, middle))
     if halvings:
         view = half_view(half, middle)
-    seen = _Seen(beyond, view, half, box)
+    region = _Region(beyond, view, half, box)
     whole, wanted = Box(0, 0, *view.near.shape), view.cells(wanted)
     blurs = [math.inf, further] if further else [math.inf]
-    near, among, found = view.near, torch.ones_like(view.near, dtype=torch.bool), []
+    near, among, layers = view.near, torch.ones_like(view.near, dtype=torch.bool), []
     at = whole
     for number, blur in enumerate(blurs):
-        # what is put together, is whole
+        # grow the window so that no group of cells is cut
         around = wanted.grown((_WIDEST >> halvings) * (len(blurs) - number), whole)
         inner = around.seen_from(at)
-        layer = _behind(seen, inner.of(near), inner.of(among), around, blur)
+        layer = _behind(region, inner.of(near), inner.of(among), around, blur)
         if layer is None:
             break
-        found.append((layer, around))
+        layers.append((layer, around))
         near, among, at = layer.signed_radius.detach(), layer.mask, around
-    return [HiddenLayer(*map(wanted.seen_from(around).of, layer)) for layer, around in found]
+    return [HiddenLayer(*map(wanted.seen_from(around).of, layer)) for layer, around in layers]
 
 
-class _Seen(NamedTuple):
-    """A part of a frame in which something is hidden.
+class _Region(NamedTuple):
+    """A region of a frame, and what hidden layers in it are continued from.
 
     Attributes:
-        beyond: The frame.
-        view: The part.
-        half: The same at half of the resolution.
-        box: Where in the frame it is.
+        beyond: The pyramid of the frame.
+        view: The region.
+        half: The region at half resolution.
+        box: The place of the region in the frame.
     """
 
     beyond: Backdrop
@@ -133,18 +133,18 @@ class _Seen(NamedTuple):
 
 
 def _behind(
-    seen: _Seen, near: Tensor, among: Tensor, around: Box, blur: float
+    region: _Region, near: Tensor, among: Tensor, around: Box, blur: float
 ) -> HiddenLayer | None:
-    """The next surface behind some cells of a part; None if there is none.
+    """The next surface behind a rectangle of cells; None if nothing is hidden.
 
     Args:
-        seen: The part.
+        region: The region.
         near: [h, w] px, the surface in front.
-        among: [h, w] bool, where it is.
-        around: Where in the part these cells are.
-        blur: Greatest blur of what is continued, as a multiple of that in front.
+        among: [h, w] bool, where this surface is.
+        around: The rectangle of cells.
+        blur: Greatest blur of the next surface, as a multiple of the blur in front.
     """
-    beyond, view, half, box = seen
+    beyond, view, half, box = region
     halvings = view.halvings
     revealed = beyond.reach.behind(near, around, view.middle, halvings)
     behind = among & (revealed.shown > near + STEP)
@@ -155,47 +155,49 @@ def _behind(
         return None
     y = index.div(around.width, rounding_mode="floor")
     at = torch.stack([y + around.top, index - y * around.width + around.left], 1)
-    of_near, cone, far, ceiling = (x.flatten().index_select(0, index) for x in (near, *revealed))
-    asked, spent = Asked(at, _border(of_near, far, cone), ceiling), far - cone
-    found = of_near.new_zeros(len(at), len(view.picture))
-    exists = torch.zeros_like(of_near, dtype=torch.bool)
+    near_radius, cone, far, ceiling = (
+        x.flatten().index_select(0, index) for x in (near, *revealed)
+    )
+    asked, spent = Asked(at, _border(near_radius, far, cone), ceiling), far - cone
+    values = near_radius.new_zeros(len(at), len(view.picture))
+    exists = torch.zeros_like(near_radius, dtype=torch.bool)
     several = ceiling < torch.inf
-    for some, side in (
+    for chosen, side in (
         (several, 2),
         (~several & (spent <= _CLOSE), 2),
         (~several & (spent > _CLOSE), 4),
     ):
-        some = torch.nonzero(some)[:, 0]
-        if not len(some):
+        chosen = torch.nonzero(chosen)[:, 0]
+        if not len(chosen):
             continue
-        few = asked.some(some)
-        groups = _grouped(few, view.middle, side >> halvings)
-        result, tensor, weight = _seen_coarsely(beyond, groups, view, box)
+        group_asked = asked.some(chosen)
+        groups = _grouped(group_asked, view.middle, side >> halvings)
+        result, tensor, weight = _from_pyramid(beyond, groups, view, box)
         if side == 2:
-            result, weight = _with_what_is_next(result, weight, half, view, few)
+            result, weight = _with_neighbours(result, weight, half, view, group_asked)
         result = (result / torch.where(weight > 0, weight, 1.0)).T
-        lines = torch.nonzero(spent.index_select(0, some) <= _LINES)[:, 0]
+        lines = torch.nonzero(spent.index_select(0, chosen) <= _LINES)[:, 0]
         if len(lines):
-            spot, border, smooth = (x.index_select(0, lines) for x in (*few[:2], result))
-            way = tensor.index_select(1, lines).T
-            colors = transported(view.picture, spot, border, smooth, way, halvings)
+            spot, border, smooth = (x.index_select(0, lines) for x in (*group_asked[:2], result))
+            tensors = tensor.index_select(1, lines).T
+            colors = transported(view.picture, spot, border, smooth, tensors, halvings)
             result = result.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
-        found = found.index_copy(0, some, result)
-        exists[some] = weight > 0
+        values = values.index_copy(0, chosen, result)
+        exists[chosen] = weight > 0
     if not bool(exists.all()):
-        some = torch.nonzero(exists)[:, 0]
-        index, found = index.index_select(0, some), found.index_select(0, some)
+        chosen = torch.nonzero(exists)[:, 0]
+        index, values = index.index_select(0, chosen), values.index_select(0, chosen)
     blank = view.picture.new_zeros(len(view.picture) - 1, near.numel())
-    color = blank.index_copy(1, index, found[:, :-1].T).reshape(-1, *near.shape)
-    radius = near.flatten().index_copy(0, index, found[:, -1]).reshape(near.shape)
+    color = blank.index_copy(1, index, values[:, :-1].T).reshape(-1, *near.shape)
+    radius = near.flatten().index_copy(0, index, values[:, -1]).reshape(near.shape)
     mask = behind & (radius.detach() > near + STEP)
     return HiddenLayer(color, radius, mask)
 
 
-def _seen_coarsely(
+def _from_pyramid(
     beyond: Backdrop, groups: _Groups, view: View, box: Box
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Colour and radius of cells [C + 1, n] times their weight, structure tensors, and weights."""
+    """From the pyramid: colour and radius [C + 1, n] times weight, structure tensors, weights."""
     at = view.pixels(groups.asked.at) + groups.asked.at.new_tensor(box[:2])
     asked = groups.asked._replace(at=at)
     finest, *levels = beyond.levels
@@ -210,29 +212,32 @@ def _seen_coarsely(
     return result, tensor, weight
 
 
-def _with_what_is_next(
+def _with_neighbours(
     values: Tensor, weight: Tensor, half: Level, view: View, asked: Asked
 ) -> tuple[Tensor, Tensor]:
-    """The same with what lies next to the pixels of cells, at half of the resolution, first."""
+    """Values and weights, first from the picture next to each cell at half resolution."""
     offsets = (-0.25, 0.25) if view.halvings else (0.0,)
     offset = asked.border.new_tensor([(y, x) for y in offsets for x in offsets])
     n, count = len(asked.at), len(offset)
     spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
     each = Asked(spots, asked.border.repeat(count), asked.ceiling.repeat(count))
-    found, share = nearby(half, each, view.fine)
-    found, share = found.reshape(-1, count, n).mean(1), share.reshape(count, n).mean(0)
-    most = (share * _NEXT).clamp(max=1)
+    beside, beside_weight = nearby(half, each, view.fine)
+    beside, beside_weight = (
+        beside.reshape(-1, count, n).mean(1),
+        beside_weight.reshape(count, n).mean(0),
+    )
+    most = (beside_weight * _NEXT).clamp(max=1)
     left = 1 - most
-    found = found * (most / torch.where(share > 0, share, 1.0))
-    return torch.addcmul(found, values, left), torch.addcmul(most, weight, left)
+    beside = beside * (most / torch.where(beside_weight > 0, beside_weight, 1.0))
+    return torch.addcmul(beside, values, left), torch.addcmul(most, weight, left)
 
 
 class _Groups(NamedTuple):
-    """Cells put together where what is seen coarsely is the same for them.
+    """Groups of neighbouring cells, which read the pyramid once for all.
 
     Attributes:
-        asked: m, by the rows and columns of their middles; the farthest border and ceiling.
-        of: [n] to which of them each cell belongs.
+        asked: The middles of m groups, with the farthest border and ceiling in each.
+        of: [n] the group of each cell.
     """
 
     asked: Asked
@@ -240,12 +245,12 @@ class _Groups(NamedTuple):
 
 
 def _grouped(asked: Asked, middle: tuple[Axis, Axis], side: int) -> _Groups:
-    """Squares of cells, symmetric about the middle of the frame.
+    """Group cells by squares, symmetric about the middle of the frame.
 
     Args:
         asked: n cells.
-        middle: Of the frame.
-        side: Cells on a side, an even number or 1.
+        middle: The middle of the frame.
+        side: Width of a square in cells, an even number or 1.
     """
     at = asked.at
     if side == 1:
@@ -279,9 +284,9 @@ def _grouped(asked: Asked, middle: tuple[Axis, Axis], side: int) -> _Groups:
 def _border(near: Tensor, far: Tensor, shown: Tensor) -> Tensor:
     """A radius between each near and far one [n].
 
-    It is up to half of what is left of the far one's reach. A surface in front of an edge may rise
-    towards it, like the top of a box seen from above: it hides nothing of itself, and a border but
-    a little above the near radius would take its far end for what is hidden.
+    A surface in front of an edge may rise towards it, like the top of a box seen from above, and it
+    does not hide itself. So the border is well above the near radius: else the far end of such a
+    surface would be continued behind its near end.
     """
     lasting = shown > halfway(near, far)
     return near + (far - near) * torch.where(lasting, _BETWEEN, _NEARER).to(near)
