@@ -1,4 +1,4 @@
-"""What each part of the aperture sees of a tile, as surfaces are added front to back."""
+"""The view of a tile from each part of the aperture, composited front to back."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from defocus_core.images.box import Box
 
 
 class Fronts:
-    """What is seen so far.
+    """The views of all parts, as far as they are composited.
 
     Attributes:
         seen: For each group of m parts [m, C + 1, h, w]: colour times coverage, then coverage.
-        moved: [m, C, h, w], what shifts of less than a pixel add to the colours of the last group;
-            None if nothing.
-        invented: [m, h, w], how much of the coverage of the first group is not known; None if
-            everything is.
+        moved: [m, C, h, w], colours that sub-pixel shifts add to the last group; None if there are
+            no shifts.
+        invented: [m, h, w], the invented share of the coverage of the first group; None if there is
+            none.
     """
 
     def __init__(
         self, blank: list[Tensor], full: list[Tensor | float], doubt: float | None
     ) -> None:
-        """Begin with nothing.
+        """Begin without a layer.
 
         Args:
             blank: As `seen`: zeros, which are overwritten.
-            full: What is covered at most, for each group.
+            full: Greatest coverage, for each group.
             doubt: Share of a part up to which gaps between visible surfaces may be errors.
         """
         self.seen = blank
@@ -40,21 +40,21 @@ class Fronts:
         self._doubt = doubt
 
     def add(self, layers: list[dict[int, Shown]]) -> None:
-        """Add visible surfaces: layers of each group by their numbers."""
-        for group, (of_group, most) in enumerate(zip(layers, self._full, strict=True)):
+        """Add visible layers of each group, in the order of their numbers."""
+        for group, (of_group, full) in enumerate(zip(layers, self._full, strict=True)):
             seen = self.seen[group]
             for number in sorted(of_group):
-                box, layer, by = of_group[number]
-                within = box.of(most) if isinstance(most, Tensor) else most
+                box, layer, shift = of_group[number]
+                within = box.of(full) if isinstance(full, Tensor) else full
                 share = share_behind(box.of(seen), layer, within)
                 seen = add_within(seen, box, layer, share)
-                if by is not None:
+                if shift is not None:
                     moved = torch.zeros_like(seen[:, :-1]) if self.moved is None else self.moved
-                    self.moved = add_within(moved, box, by, share)
+                    self.moved = add_within(moved, box, shift, share)
             self.seen[group] = seen
 
     def are_full(self, *, known: bool) -> bool:
-        """Whether there is nothing left that something hidden, known or not, might fill."""
+        """Whether no group has coverage left for hidden layers, known or invented."""
         return all(is_full(seen, self._most(i, known)) for i, seen in enumerate(self.seen))
 
     def fill(
@@ -64,30 +64,30 @@ class Fronts:
         known: bool,
         before: Sequence[list[Tensor | None]] = (),
     ) -> None:
-        """Add what is hidden.
+        """Add hidden layers.
 
         Args:
-            hidden: Of each group [m, C + 1, h, w] over the tile; None if nothing is.
-            known: Whether it is.
-            before: The same of what hides this, too, but is added later.
+            hidden: For each group a layer [m, C + 1, h, w] over the tile; None for no layer.
+            known: Whether the layers are known, not invented.
+            before: Hidden layers that lie in front of these, but are added later.
         """
         for group, layer in enumerate(hidden):
             seen, most = self.seen[group], self._most(group, known)
             if layer is None or is_full(seen, most):
                 continue
             covered = seen
-            for of_groups in before:
-                nearer = of_groups[group]
+            for nearer_layers in before:
+                nearer = nearer_layers[group]
                 if nearer is not None:
                     covered = covered + share_behind(covered, nearer, most) * nearer
             whole, share = Box(0, 0, *seen.shape[-2:]), share_behind(covered, layer, most)
             if group == 0 and not known:
-                more = (share * layer[:, -1:])[:, 0]
-                self.invented = more if self.invented is None else self.invented + more
+                added = (share * layer[:, -1:])[:, 0]
+                self.invented = added if self.invented is None else self.invented + added
             self.seen[group] = add_within(seen, whole, layer, share)
 
     def _most(self, group: int, known: bool) -> Tensor | float:
-        """What is covered at most in the end."""
+        """The greatest coverage that hidden layers may fill a group to."""
         if known or self._doubt is None:
             return self._full[group]
         return filled_up_to(self.seen[group], self._full[group], self._doubt)
