@@ -1,1 +1,9 @@
-"""Blurred layers put together: saturating sum, views of the aperture, highlights, border."""
+"""Layers to a picture: saturating sum, views of the aperture, highlights, frame border.
+
+coverage: the share of an aperture part that sees a layer at a pixel, in [0, 1].
+part: a region of the aperture, such as its left half. group: parts composited together.
+share: the fraction of a layer, a part or a pixel that counts.
+seen: the colours and the coverage composited so far, front to back.
+highlight (light): a pixel far brighter than the rest, drawn as a disc of its own.
+square: a piece of a disc that is tested for nearer surfaces at once.
+"""

@@ -1,8 +1,9 @@
 """Discs of highlights: drawn by their rims, and clipped by nearer surfaces.
 
-Along a row of pixels a kernel changes only at its rim. So its changes are added up where a disc
-begins and ends, and summed along rows at the end: a disc costs what its rim does, not what its
-area does. Sums are in double precision, and leave next to nothing beside a bright disc.
+Along a row of pixels a kernel changes only at its rim. So only the changes at the rims are added to
+a canvas, and the canvas is summed along rows at the end: the cost of a disc grows with its rim, not
+with its area. Sums are in double precision, so that hardly any rounding error is left beside a
+bright disc.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from defocus_core.optics.aperture import Aperture, Part, kernel
 
 # Samples drawn at once: bounds memory.
 _SAMPLES = 1 << 18
-# Kernels are sampled together where the widest is at most so many times as wide as the others.
+# Greatest ratio of widths of kernels that are sampled together.
 _AS_WIDE = 2
 
 
@@ -32,9 +33,9 @@ class _Alike(NamedTuple):
 
     Attributes:
         highlights: n of them.
-        radii: [U] px, those that they have.
-        which: [n] of these radii, ascending.
-        extent: Px that they spread at most.
+        radii: [U] px, their different radii.
+        which: [n] the index in `radii` of each highlight, ascending.
+        extent: Greatest distance in px from a highlight to a pixel of its disc.
     """
 
     highlights: Highlights
@@ -43,7 +44,7 @@ class _Alike(NamedTuple):
     extent: int
 
     def some(self, start: int, end: int) -> _Alike:
-        """Some of them."""
+        """The highlights from `start` to before `end`."""
         highlights = Highlights(*(values[start:end] for values in self.highlights))
         return self._replace(highlights=highlights, which=self.which[start:end])
 
@@ -65,8 +66,8 @@ def draw(
         places: [H, W] positions of all pixels on the ladder.
         radii: The ladder.
         aperture: The pupil.
-        parts: M parts of it.
-        box: What is wanted of the frame.
+        parts: M parts of the pupil.
+        box: The rectangle of the frame to draw.
     """
     most = max(*places.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.excess, box)
@@ -98,26 +99,28 @@ def draw(
 
 
 def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
-    """Those that reach a box, where none spreads by more than `most` px: the widest first."""
+    """The highlights whose discs, `most` px wide at most, reach a box: in groups, widest first."""
     everything, spreads = _widest_first(highlights, most, box)
     counts = torch.bincount(everything.which, minlength=len(spreads))
-    ends = [0, *counts.cumsum(0).tolist()]  # where the lights of each radius begin and end
+    ends = [0, *counts.cumsum(0).tolist()]  # where the highlights of each radius begin and end
     first = 0
     while first < len(spreads):
         extent = spreads[first]
-        few = max(1, _SAMPLES // (2 * extent + 1) ** 2)
-        end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + few])
-        some = everything.some(ends[first], ends[end])
-        if len(some.which):
-            yield _Alike(some.highlights, everything.radii[first:end], some.which - first, extent)
+        count = max(1, _SAMPLES // (2 * extent + 1) ** 2)
+        end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + count])
+        chosen = everything.some(ends[first], ends[end])
+        if len(chosen.which):
+            yield _Alike(
+                chosen.highlights, everything.radii[first:end], chosen.which - first, extent
+            )
         first = end
 
 
 def _widest_first(highlights: Highlights, most: int, box: Box) -> tuple[_Alike, list[int]]:
-    """All highlights that reach a box, and the px [U] that those of each radius spread."""
+    """All highlights whose discs reach a box, and the extent [U] in px for each radius."""
     radii, at = highlights.signed_radius, highlights.at
     which = torch.arange(len(radii), device=radii.device)
-    if not radii.requires_grad:  # many lights are equally far away
+    if not radii.requires_grad:  # many highlights are equally far away
         radii, which = torch.unique(radii, return_inverse=True)
     spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
     wide = spread.argsort(descending=True, stable=True)
@@ -127,21 +130,21 @@ def _widest_first(highlights: Highlights, most: int, box: Box) -> tuple[_Alike, 
     away = torch.maximum(corner - at, at - last).amax(1)
     order = which.argsort(stable=True)
     order = order[(away <= spread[which])[order]]
-    some = Highlights(*(values[order] for values in highlights))
-    return _Alike(some, radii, which[order], most), spread.tolist()
+    reaching = Highlights(*(values[order] for values in highlights))
+    return _Alike(reaching, radii, which[order], most), spread.tolist()
 
 
 class _Rim:
-    """Where kernels change along their rows, as many places for each: the rest change by 0.
+    """Changes of U kernels along their rows, k for each kernel, padded with changes of 0.
 
     Attributes:
-        row: [U, k] of kernels.
-        column: [U, k].
-        change: [U, k].
+        row: [U, k] row of each change.
+        column: [U, k] column of each change.
+        change: [U, k] difference to the pixel before.
     """
 
     def __init__(self, kernels: Tensor) -> None:
-        """Find them in [U, S, S]."""
+        """Find the changes in kernels [U, S, S]."""
         changes = pad(kernels, (1, 1)).double().diff(dim=-1)  # [U, S, S + 1]
         which, row, column = torch.nonzero(changes.detach(), as_tuple=True)
         counts = torch.bincount(which, minlength=len(kernels))
@@ -158,35 +161,35 @@ class _Canvas:
     """Changes along the rows of a picture, to be summed."""
 
     def __init__(self, parts: int, colors: Tensor, box: Box) -> None:
-        """Begin with none.
+        """Begin without changes.
 
         Args:
-            parts: Of the aperture, M.
-            colors: [n, C] of what is drawn.
-            box: What is wanted of the frame.
+            parts: M, the number of aperture parts.
+            colors: [n, C] of the highlights.
+            box: The rectangle of the frame to draw.
         """
         self._box = box
-        # a row and a column more take what lies beyond; one for each channel of each part, for a
-        # gradient through a part of a tensor copies all of it
+        # one more row and column take changes beyond the box; one tensor for each channel of each
+        # part, for a gradient through a part of a tensor copies all of it
         self._size = (box.height + 1, box.width + 1)
         self._changes = [
             [colors.new_zeros(math.prod(self._size), dtype=torch.float64) for _ in colors[0]]
             for _ in range(parts)
         ]
 
-    def add_rims(self, part: int, rim: _Rim, some: _Alike) -> None:
+    def add_rims(self, part: int, rim: _Rim, alike: _Alike) -> None:
         """Add discs by their rims."""
-        at, colors = (values[..., None] for values in some.highlights[:2])
-        rows, columns, changes = (x[some.which] for x in (rim.row, rim.column, rim.change))
+        at, colors = (values[..., None] for values in alike.highlights[:2])
+        rows, columns, changes = (x[alike.which] for x in (rim.row, rim.column, rim.change))
         self._add(
-            part, rows + at[:, 0] - some.extent, columns + at[:, 1] - some.extent, changes, colors
+            part, rows + at[:, 0] - alike.extent, columns + at[:, 1] - alike.extent, changes, colors
         )
 
     def take(self, part: int, corner: Tensor, values: Tensor, colors: Tensor) -> None:
-        """Take away squares.
+        """Subtract occluded squares of discs.
 
         Args:
-            part: Of the aperture.
+            part: Number of the aperture part.
             corner: [n, 2] row and column of the first pixel.
             values: [n, side, side].
             colors: [n, C].
@@ -203,17 +206,19 @@ class _Canvas:
         height, width = self._size
         rows, columns = rows - self._box.top, columns - self._box.left
         rows = torch.where(rows < 0, height - 1, rows).clamp(max=height - 1)
-        columns = columns.clamp(0, width - 1)  # what begins before the box is in it
+        columns = columns.clamp(
+            0, width - 1
+        )  # a disc that begins before the box begins in its first column
         spot = (rows * width + columns).flatten()
         for c, canvas in enumerate(self._changes[part]):
             canvas.index_add_(0, spot, (changes * colors[:, c]).flatten())
 
     def summed(self, dtype: torch.dtype) -> Tensor:
-        """The pictures [M, C, height, width], part by part: nothing is left of the canvas."""
-        found, parts = [], len(self._changes)
+        """The pictures [M, C, height, width]; the canvas is freed part by part."""
+        channels, parts = [], len(self._changes)
         while self._changes:
             for channel in self._changes.pop(0):
                 sums = channel.view(self._size).cumsum(-1)
-                found.append(sums[:-1, :-1].to(dtype))
-        pictures = torch.stack(found)
+                channels.append(sums[:-1, :-1].to(dtype))
+        pictures = torch.stack(channels)
         return pictures.view(parts, -1, *pictures.shape[1:])

@@ -1,8 +1,9 @@
 """Occlusion of a highlight's disc by the surfaces before it.
 
 Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
-radius r_k in front of it at q + u (r_q - r_k). Squares of a disc before which nothing can stand
-are not looked at. Discs of few pixels have few u: what they lose is the mean over the lens.
+radius r_k in front of it at q + u (r_q - r_k). Squares of a disc that no nearer slice is in front
+of are skipped. A small disc has too few pixels to sample u: it is dimmed evenly, by the mean over
+the lens.
 """
 
 from __future__ import annotations
@@ -17,26 +18,26 @@ from torch.nn.functional import pad
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.block_index import blocks_of
 
-# How much nearer, in px of radius and as a share of it, a surface must be to stand before a light;
-# no round numbers, so that rounding decides nothing.
+# A surface occludes a light if it is nearer by this many px of radius and by this share of it; no
+# round numbers, so that rounding does not decide.
 _BEFORE = (1.513, 0.1513)
-# Px towards a light by which a place between two pixels is nearer to the one of them.
+# A place in the middle between two pixels is moved by this many px towards the light.
 _TOWARDS = 0.01
-# Radius in px below which a light loses as much all over its disc.
+# Radius in px below which a disc is dimmed evenly.
 _SMALL = 2.013
-# Lens points from the middle to the rim by which it is told how much: flips and turns change none.
+# Lens points from the middle of the lens to its rim; their grid is symmetric to flips and turns.
 _POINTS = 8
-# Samples looked at at once: bounds memory.
+# Samples of occlusion computed at once: bounds memory.
 _SAMPLES = 1 << 17
 
 
 class Squares(NamedTuple):
-    """How discs are cut into squares, as many along both axes.
+    """How discs are cut into a square number of squares.
 
     Attributes:
         extent: Px from the middle of a disc to its farthest pixel.
-        across: Squares on a side.
-        side: Px on a side of a square.
+        across: Number of squares along one axis.
+        side: Width of a square in px.
     """
 
     extent: int
@@ -45,12 +46,12 @@ class Squares(NamedTuple):
 
     @classmethod
     def of(cls, extent: int) -> Squares:
-        """Squares of a block at most."""
+        """Squares no wider than a block."""
         count = -(-(2 * extent + 1) // BLOCK)
         return cls(extent, count, -(-(2 * extent + 1) // count))
 
     def cut(self, values: Tensor) -> Tensor:
-        """Those of discs [U, S, S], with zeros beyond: [U, across, across, side, side]."""
+        """The squares of discs [U, S, S], padded by zeros: [U, across, across, side, side]."""
         beyond = self.across * self.side - values.shape[-1]
         whole = pad(values, (0, beyond, 0, beyond))
         return whole.reshape(-1, self.across, self.side, self.across, self.side).movedim(3, 2)
@@ -61,13 +62,13 @@ class Squares(NamedTuple):
 
 
 class Stopped(NamedTuple):
-    """Squares of discs that are stopped in part.
+    """Squares of discs that are occluded in part.
 
     Attributes:
-        light: [n] whose disc it is.
-        row: [n] of the square.
-        column: [n] of the square.
-        share: [n, side, side] in [0, 1], what does not come through.
+        light: [n] index of the light.
+        row: [n] row of the square in the disc.
+        column: [n] column of the square in the disc.
+        share: [n, side, side] in [0, 1], the occluded share.
     """
 
     light: Tensor
@@ -82,7 +83,7 @@ class _Lights(NamedTuple):
     Attributes:
         at: [n, 2] rows and columns.
         limit: [n] px, radii below which a surface stands before each.
-        before: [n, k] bool, whether slices do.
+        before: [n, k] bool, whether each slice may stand before each light.
         scale: [n, k] px in a slice per px in the disc.
         small: [n] bool, whether a disc has few pixels.
         spread: [n, k] px in a slice per radius of the lens.
@@ -96,7 +97,7 @@ class _Lights(NamedTuple):
     spread: Tensor
 
     def some(self, which: Tensor | slice) -> _Lights:
-        """Some of them."""
+        """The lights of these indices."""
         return _Lights(*(values[which] for values in self))
 
 
@@ -118,30 +119,30 @@ class Obstruction:
     def stopped(
         self, at: Tensor, radius: Tensor, squares: Squares, wanted: Tensor
     ) -> Iterator[Stopped]:
-        """Squares of the discs of lights that are stopped in part.
+        """The squares of the discs of lights that are occluded in part.
 
         Args:
             at: [n, 2] rows and columns.
             radius: [n] px.
             squares: How discs are cut.
-            wanted: [n, across, across] bool, squares that are asked for.
+            wanted: [n, across, across] bool, squares to test.
         """
         rungs, lights = self._lights(at, radius)
         if not len(rungs):
             return
-        few = max(1, _SAMPLES // (len(rungs) * squares.across**2))
-        for start in range(0, len(at), few):
-            some = lights.some(slice(start, start + few))
-            met = self._met(some, rungs, squares) & wanted[start : start + few, None]
+        count = max(1, _SAMPLES // (len(rungs) * squares.across**2))
+        for start in range(0, len(at), count):
+            chunk = lights.some(slice(start, start + count))
+            met = self._met(chunk, rungs, squares) & wanted[start : start + count, None]
             where = torch.nonzero(met.any(1))  # [m, 3]
-            for found in torch.split(where, max(1, _SAMPLES // squares.side**2)):
-                light, row, column = found.unbind(1)
+            for positions in torch.split(where, max(1, _SAMPLES // squares.side**2)):
+                light, row, column = positions.unbind(1)
                 corner, slices = squares.corners(row, column), met[light, :, row, column]
-                share = self._share(some.some(light), rungs, slices, corner, squares.side)
+                share = self._share(chunk.some(light), rungs, slices, corner, squares.side)
                 yield Stopped(light + start, row, column, share)
 
     def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
-        """Rungs [k] that stand before any of some lights, and these."""
+        """The rungs [k] that may stand before any of the lights, and the lights."""
         limit = nearer_than(radius)
         radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
         before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
@@ -181,14 +182,14 @@ class Obstruction:
     def _share(
         self, lights: _Lights, rungs: Tensor, slices: Tensor, corner: Tensor, side: int
     ) -> Tensor:
-        """What does not come through squares of discs: [m, side, side].
+        """The occluded share of squares of discs: [m, side, side].
 
         Args:
-            lights: m, whose discs they are of.
-            rungs: [k] that are asked for.
-            slices: [m, k] bool, those that are before them.
-            corner: [m, 2] px from the light to the first pixel.
-            side: Of a square in px.
+            lights: The light of each of m squares.
+            rungs: [k] rungs to test.
+            slices: [m, k] bool, whether the slice of each rung is before the square.
+            corner: [m, 2] px from the light to the first pixel of its square.
+            side: Width of a square in px.
         """
         H, W = self._places.shape
         offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
@@ -196,36 +197,36 @@ class Obstruction:
         points = _lens_points(lights.scale)
         of_lens = lights.scale.new_zeros(len(corner), len(points))
         for k, rung in enumerate(rungs.tolist()):
-            few = torch.nonzero(slices[:, k] & lights.small)[:, 0]
-            if len(few):
-                some = lights.some(few)
+            small_index = torch.nonzero(slices[:, k] & lights.small)[:, 0]
+            if len(small_index):
+                subset = lights.some(small_index)
                 row, column = (
-                    _pixel(some.at[:, axis, None], some.spread[:, k, None] * u, length)
+                    _pixel(subset.at[:, axis, None], subset.spread[:, k, None] * u, length)
                     for axis, u, length in ((0, points[:, 1], H), (1, points[:, 0], W))
                 )
-                share = self._covered(row * W + column, rung, some.limit[:, None])
-                of_lens.index_add_(0, few, share)
-            here = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
-            some = lights.some(here)
-            y, x = (some.scale[:, k, None, None] * offset[here]).unbind(1)
+                share = self._covered(row * W + column, rung, subset.limit[:, None])
+                of_lens.index_add_(0, small_index, share)
+            large_index = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
+            subset = lights.some(large_index)
+            y, x = (subset.scale[:, k, None, None] * offset[large_index]).unbind(1)
             row, column = (
-                _pixel(some.at[:, axis, None], away, length)
+                _pixel(subset.at[:, axis, None], away, length)
                 for axis, (away, length) in enumerate(((y, H), (x, W)))
             )
             spot = row[:, :, None] * W + column[:, None, :]
-            share = self._covered(spot, rung, some.limit[:, None, None])
-            stopped.index_add_(0, here, share)
+            share = self._covered(spot, rung, subset.limit[:, None, None])
+            stopped.index_add_(0, large_index, share)
         mean = of_lens.clamp(max=1).mean(1)[:, None, None]
         return torch.where(lights.small[:, None, None], mean, stopped.clamp(max=1))
 
     def _covered(self, spot: Tensor, rung: int, limit: Tensor) -> Tensor:
-        """What a slice covers of some pixels, of surfaces nearer than a limit."""
+        """The coverage of pixels by a slice, of surfaces whose radius is below the limit."""
         radius, places = (
             values.flatten().index_select(0, spot.flatten()).view(spot.shape)
             for values in (self._signed_radius, self._places)
         )
         share = places.sub_(rung).abs_().neg_().add_(1).clamp_(min=0)
-        return share.mul_(radius.sub_(limit).lt_(0))  # not its own
+        return share.mul_(radius.sub_(limit).lt_(0))  # not the light's own surface
 
 
 def _lens_points(like: Tensor) -> Tensor:
@@ -241,8 +242,8 @@ def nearer_than(radius: Tensor) -> Tensor:
 
 
 def _pixel(light: Tensor, away: Tensor, length: int) -> Tensor:
-    """The row or column, of so many, of the pixel nearest to what is so many px away from a light.
+    """The row or column, below `length`, of the pixel nearest to a place `away` px from a light.
 
-    Discs of equal steps of radius have many places in the middle between two pixels.
+    Many places lie in the middle between two pixels: rounding must not depend on the side.
     """
     return (light + away - _TOWARDS * away.sign()).round().long().clamp(0, length - 1)

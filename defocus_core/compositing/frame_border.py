@@ -1,7 +1,7 @@
 """The share of the aperture that sees the frame rather than past its border.
 
-Beyond the frame a surface goes on, unseen. The share of the aperture that sees it there is not free
-for what lies behind.
+Beyond the frame a surface goes on, but has no pixels. The share of the aperture that sees it there
+must not be filled by surfaces behind it.
 """
 
 from __future__ import annotations
@@ -15,24 +15,25 @@ from torch import Tensor
 from defocus_core.images.box import Box
 from defocus_core.optics.aperture import Aperture, Part, area_within
 
-# Radii in px up to which a pixel looks at the frame, wherever it is, and from which it does as
-# geometry says. What is between is smooth: depth and lens are differentiated through it.
+# Up to a radius of _FROM px a pixel sees the frame alone; from _TO px on, the share that geometry
+# gives. Between them the share is smooth, for gradients of depth and lens pass through it.
 _FROM, _TO = 1.5, 2.5
-# Shares below this count as this: of a disc so much larger than the frame next to nothing is seen.
+# Least share: a disc much larger than the frame would divide by nearly 0.
 _LEAST_SHARE = 0.01
-# Intervals of u in which shares are linear.
+# Number of intervals of u in which shares are linear.
 _STEPS = 1024
 
 
 def share_observed(covered: Tensor, expected: Tensor, box: Box, size: tuple[int, int]) -> Tensor:
     """The share of parts of the aperture [m, h, w] that looks at a frame.
 
-    It is what geometry says; and what is covered, beside a border, where geometry is not asked.
+    It is the expected share; beside a border, where small radii have no expected share, at most the
+    coverage.
 
     Args:
-        covered: [m, h, w], of the parts.
+        covered: [m, h, w], coverage of the parts.
         expected: [m, h, w], from `share_in_frame`.
-        box: Where in the frame this is.
+        box: The place of these pixels in the frame.
         size: (height, width) of the frame.
     """
     down, across = (
@@ -60,12 +61,12 @@ def share_in_frame(
     Lens point u shows pixel q at q + r u: at x it sees x - r u.
 
     Args:
-        signed_radius: [h, w] px of some pixels.
-        box: Where in the frame they are.
+        signed_radius: [h, w] px of the pixels.
+        box: The place of these pixels in the frame.
         size: (height, width) of the frame.
-        farthest: Px that light spreads at most.
+        farthest: Greatest blur radius in px.
         aperture: The pupil; a gaussian one counts as evenly lit.
-        parts: M parts of it.
+        parts: M parts of the pupil.
 
     Returns:
         [M, 1, h, w] in [0.01, 1].
@@ -87,9 +88,9 @@ class _Border(NamedTuple):
     """A border of a frame.
 
     Attributes:
-        dim: Along which it is reached: 0 for the rows above and below.
-        at: Where, in px from the first corner of the frame.
-        last: Whether it is the lower or right one.
+        dim: The axis that crosses it: 0 for the upper and the lower border.
+        at: Its place on this axis in px from the first corner of the frame.
+        last: Whether it is the lower or the right border.
         strip: Pixels whose light may pass it.
     """
 
@@ -100,7 +101,7 @@ class _Border(NamedTuple):
 
 
 def _borders(size: tuple[int, int], farthest: int) -> list[_Border]:
-    """The four of a frame whose light spreads so many px at most."""
+    """The four borders of a frame whose blur radius is at most `farthest` px."""
     (H, W), deep = size, farthest + 1
     return [
         _Border(0, 0, False, Box(0, 0, min(deep, H), W)),
@@ -125,7 +126,7 @@ def _without_what_passes(
     here = strip.seen_from(box)
     r = here.of(signed_radius)
     size, away = r.abs(), _away(border, strip, r)
-    # of a smaller radius nothing counts
+    # smaller radii have weight 0
     u = (away / size.clamp(min=_FROM).copysign(r)).clamp_(-1, 1)
     weight = _weight(size)
     for m, part in enumerate(parts):
@@ -142,8 +143,8 @@ def _away(border: _Border, strip: Box, like: Tensor) -> Tensor:
 def _where_two_are_passed(
     signed_radius: Tensor, box: Box, borders: list[_Border]
 ) -> tuple[Tensor, Tensor]:
-    """Rows and columns [n] of pixels whose light passes borders of both directions."""
-    found = []
+    """Rows and columns [n] of pixels whose light passes borders along both axes."""
+    corners = []
     for level in (border for border in borders if border.dim == 0):
         for upright in (border for border in borders if border.dim == 1):
             corner = level.strip.grown(0, box).grown(0, upright.strip)
@@ -156,11 +157,11 @@ def _where_two_are_passed(
                 for border in (level, upright)
             ]
             at = torch.nonzero(passed[0] & passed[1])
-            found.append(at + at.new_tensor(here[:2]))
-    if not found:
+            corners.append(at + at.new_tensor(here[:2]))
+    if not corners:
         none = torch.zeros(0, dtype=torch.long, device=signed_radius.device)
         return none, none
-    row, column = torch.cat(found).unbind(1)
+    row, column = torch.cat(corners).unbind(1)
     return row, column
 
 
@@ -171,7 +172,7 @@ def _at_corners(
     aperture: Aperture,
     parts: list[Part],
 ) -> Tensor:
-    """The share [M, n] of pixels of n radii in px, at rows and columns counted from the corner."""
+    """The share [M, n] for n radii in px at rows and columns counted from the frame's corner."""
     down, across = (
         (torch.stack([place, place - length], -1) / r[:, None]).sort(-1).values.clamp(-1, 1)
         for place, length in zip(at, size, strict=True)
@@ -181,15 +182,15 @@ def _at_corners(
 
 
 def _weight(size: Tensor) -> Tensor:
-    """How much of what geometry says counts, [...] in [0, 1], for radii in px."""
+    """The weight [...] in [0, 1] of the geometric share, for radii in px."""
     t = (size - _FROM).div_(_TO - _FROM).clamp(0, 1)
     return t * t * (3 - 2 * t)
 
 
 def _past(aperture: Aperture, part: Part, dim: int, u: Tensor) -> Tensor:
-    """The share of a part that is farther out than some u.x (dim 1) or u.y (dim 0) [...].
+    """The share of a part that lies farther out than a coordinate u.x (dim 1) or u.y (dim 0) [...].
 
-    That is below it where it is negative, and above it elsewhere.
+    Farther out is below u where u is negative, and above u elsewhere.
     """
     starts, slopes = _shares(aperture, part, dim).to(u).unbind()
     place = (u + 1).mul_(_STEPS / 2)
@@ -201,14 +202,14 @@ def _past(aperture: Aperture, part: Part, dim: int, u: Tensor) -> Tensor:
 
 @lru_cache(maxsize=256)
 def _shares(aperture: Aperture, part: Part, dim: int) -> Tensor:
-    """What `_past` is at the lower ends of `_STEPS` even intervals, and its slope in each."""
-    with torch.inference_mode(False):  # it is kept for those who want gradients, too
+    """The values of `_past` at the lower ends of `_STEPS` even intervals, and its slopes."""
+    with torch.inference_mode(False):  # it is cached for calls that need gradients, too
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
-        some = torch.stack([torch.full_like(ends, -1), ends], -1)
-        whole = torch.tensor([-1.0, 1.0], dtype=torch.float64).expand_as(some)
-        below = area_within(aperture, part, *((some, whole) if dim == 1 else (whole, some)))
+        up_to = torch.stack([torch.full_like(ends, -1), ends], -1)
+        whole = torch.tensor([-1.0, 1.0], dtype=torch.float64).expand_as(up_to)
+        below = area_within(aperture, part, *((up_to, whole) if dim == 1 else (whole, up_to)))
         sign = torch.ones(_STEPS, dtype=torch.float64)
-        sign[_STEPS // 2 :] = -1  # above 0 it is what lies above
+        sign[_STEPS // 2 :] = -1  # above 0 the share above u counts
         return torch.stack(
             [(below[:-1] * sign).where(sign > 0, 1 - below[:-1]), below.diff() * sign]
         )

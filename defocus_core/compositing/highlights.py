@@ -1,8 +1,8 @@
 """Highlights: the few brightest pixels, taken apart from the picture.
 
-Almost all energy of a scene with lights is in few pixels. Layers would fade the discs that a wire
-before them clips, and a transform would spread rounding noise of 1e-7 of their brightness over
-everything. So what such a pixel has above its surroundings is taken out of the layers, to be drawn
+Almost all energy of a scene with lights is in few pixels. Layers would fade a disc that a wire in
+front clips, and a transform would spread rounding noise of 1e-7 of its brightness over the whole
+picture. So the excess of such a pixel over its surroundings is taken out of the layers, to be drawn
 as a disc of its own.
 """
 
@@ -17,11 +17,12 @@ from defocus_core.images.order_statistics import Ranks
 from defocus_core.images.sparse_masks import exceeding, places_of
 from defocus_core.images.tiling import BLOCK
 
-# A highlight is brighter than this many times the brightest of all but one pixel in 200.
+# A highlight is brighter than _BRIGHTER times the brightness that _ORDINARY of all pixels do not
+# exceed.
 _BRIGHTER = 2.0
 _ORDINARY = 0.995
-# Px between the pixels of a square of five by five in which surroundings are looked for: close ones
-# first. A highlight wider than the widest stands on black.
+# Spacings in px of the five by five pixels whose mean is the surroundings, from close to wide. A
+# highlight wider than the widest has black surroundings.
 _STEPS = (1, 3, 8, 24)
 
 
@@ -30,7 +31,7 @@ class Highlights(NamedTuple):
 
     Attributes:
         at: [n, 2] rows and columns.
-        excess: [n, C] what they have above their surroundings.
+        excess: [n, C] colour above that of their surroundings.
         signed_radius: [n] px.
     """
 
@@ -40,11 +41,11 @@ class Highlights(NamedTuple):
 
 
 def threshold(brightness: Ranks, most: float) -> float:
-    """What a pixel must exceed to be a highlight.
+    """The brightness that a highlight exceeds.
 
     Args:
-        brightness: Of all pixels of the frame.
-        most: The greatest.
+        brightness: Ranks of the brightness of all pixels of the frame.
+        most: The greatest brightness.
     """
     rank = max(1, int(_ORDINARY * brightness.total))
     if brightness.about(rank)[0] >= most / _BRIGHTER:
@@ -54,9 +55,9 @@ def threshold(brightness: Ranks, most: float) -> float:
 
 
 def reached_by(farthest: int) -> int:
-    """Px around a region that lights in it depend on, where light spreads so many px at most.
+    """Px around a region that its discs depend on, for a greatest blur radius in px.
 
-    A light beside it, what stands before that light, and what surrounds it.
+    They hold the lights beside it, the surfaces that occlude them, and their surroundings.
     """
     return max(3 * farthest + 2 * BLOCK, farthest + 2 * max(_STEPS))
 
@@ -85,25 +86,27 @@ def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, 
 def _surroundings(pixels: Tensor, ordinary: Tensor, at: Tensor) -> Tensor:
     """The mean colour [n, C] of ordinary pixels around others at [n, 2]; black where none is near.
 
-    Of squares of five by five pixels that lie ever farther apart, the first that holds any.
+    They are the first square of five by five pixels that holds any, from close to wide spacing.
     """
     H, W = ordinary.shape
     around = pixels.new_zeros(len(at), len(pixels))
-    left = torch.arange(len(at), device=at.device)
+    remaining = torch.arange(len(at), device=at.device)
     side = torch.arange(-2, 3, device=at.device)
     square = torch.stack(torch.meshgrid(side, side, indexing="ij"), -1).reshape(-1, 1, 2)
     for step in _STEPS:
-        place = at[left] + step * square
+        place = at[remaining] + step * square
         row, column = place[..., 0], place[..., 1]
         inside = (row >= 0) & (row < H) & (column >= 0) & (column < W)
         index = row.clamp(0, H - 1) * W + column.clamp(0, W - 1)
         counts = (ordinary.flatten()[index] & inside).to(pixels.dtype)
         number = counts.sum(0)
-        some = torch.nonzero(number)[:, 0]
-        colors = pixels.flatten(1)[:, index[:, some].flatten()].reshape(len(pixels), -1, len(some))
-        mean = (colors * counts[:, some]).sum(1) / number[some]
-        around = around.index_copy(0, left[some], mean.T)
-        left = left[number == 0]
-        if not len(left):
+        found = torch.nonzero(number)[:, 0]
+        colors = pixels.flatten(1)[:, index[:, found].flatten()].reshape(
+            len(pixels), -1, len(found)
+        )
+        mean = (colors * counts[:, found]).sum(1) / number[found]
+        around = around.index_copy(0, remaining[found], mean.T)
+        remaining = remaining[number == 0]
+        if not len(remaining):
             break
     return around

@@ -15,36 +15,36 @@ from torch.nn.functional import pad
 
 from defocus_core.images.box import Box
 
-# Guards 0 / 0 where nothing is left to cover; shares below it are of no consequence.
+# Guards 0 / 0 where no coverage is left; it changes no visible share.
 _LEAST_SHARE = 1e-12
-# Coverage below the inverse of this counts less than it is, and from 0 downwards nothing.
+# Coverage below 1 / _SOME is faded to 0, and negative coverage counts as 0.
 _SOME = 1e9
-# Shares below this many roundings are noise of the transforms; slopes of their quotients, which
-# every further layer would multiply, count as none.
+# Coverage below this many roundings is noise of the transforms: the share gets no gradient, for
+# every further layer would multiply it.
 _CERTAIN = 100
-# Roundings by which transforms miss what is covered at most.
+# Greatest error of full coverage by transforms, in roundings.
 _FULL = 8
 # Shares of the aperture that differ by less are equal.
 _EQUAL = 1e-6
 
 
 def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
-    """The share of a layer that shows behind what the parts of the aperture have seen so far.
+    """The share of a layer that shows behind the layers composited so far.
 
-    The layer adds min(1, (1 - A) / a) of itself, where A is what is covered and a its coverage:
-    A grows by min(a, 1 - A). Where a is negative, by rounding or by overshoot, nothing is there.
+    The layer adds min(1, (1 - A) / a) of itself, where A is the coverage so far and a that of the
+    layer: A grows by min(a, 1 - A). A negative a, by rounding or by overshoot, counts as 0.
 
     Args:
         seen: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1].
-        layer: The same of the layer.
-        full: What is covered at most, if not the whole part.
+        layer: The layer, in the same form.
+        full: Greatest coverage, if not the whole part.
 
     Returns:
         [M, 1, h, w].
     """
     left, coverage = full - seen[:, -1:], layer[:, -1:]
-    some = torch.minimum(left, coverage * _SOME).clamp_(min=0)
-    share = some / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
+    added = torch.minimum(left, coverage * _SOME).clamp_(min=0)
+    share = added / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
         share = torch.where(certain, share, share.detach())
@@ -52,26 +52,26 @@ def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Ten
 
 
 def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
-    """Add a layer behind what the parts of the aperture have seen so far.
+    """Add a layer behind the layers composited so far.
 
     Args:
-        seen: As above. Not changed where a gradient is wanted, else overwritten by the result.
-        layer: As above.
-        full: As above.
+        seen: As in `share_behind`. Overwritten by the result unless gradients are enabled.
+        layer: As in `share_behind`.
+        full: As in `share_behind`.
     """
     share = share_behind(seen, layer, full)
     return seen.addcmul(layer, share) if torch.is_grad_enabled() else seen.addcmul_(layer, share)
 
 
 def filled_up_to(seen: Tensor, full: Tensor | float, doubt: float) -> Tensor:
-    """What is covered at most, [M, 1, h, w], if gaps may be errors of what is seen.
+    """Greatest coverage [M, 1, h, w] if small gaps may be errors of the visible layers.
 
-    Of a gap less than the doubt only its share of that is filled: a tenth of it by a tenth.
+    A gap g smaller than the doubt d is filled by g / d alone: a gap of d / 10 by a tenth.
 
     Args:
-        seen: [M, C + 1, h, w], as above.
-        full: What is covered at most if there is no doubt.
-        doubt: Share of the part that gaps may be in error.
+        seen: [M, C + 1, h, w], as in `share_behind`.
+        full: Greatest coverage without doubt.
+        doubt: Gap in coverage up to which it may be an error.
     """
     covered = seen[:, -1:]
     left = (full - covered).clamp(min=0)
@@ -79,9 +79,9 @@ def filled_up_to(seen: Tensor, full: Tensor | float, doubt: float) -> Tensor:
 
 
 def add_within(total: Tensor, box: Box, some: Tensor, share: Tensor | None = None) -> Tensor:
-    """Add to [M, C, H, W] what is but within a rectangle, [M, C, h, w], or a share of that.
+    """Add values [M, C, h, w] of a rectangle, times a share, to a total [M, C, H, W].
 
-    The total is not changed where a gradient is wanted, else overwritten by the result.
+    The total is overwritten by the result unless gradients are enabled.
     """
     if not torch.is_grad_enabled():
         here = box.of(total)
@@ -98,7 +98,7 @@ def add_within(total: Tensor, box: Box, some: Tensor, share: Tensor | None = Non
 def add_light(seen: Tensor, light: Tensor) -> Tensor:
     """Add light [M, C, h, w] that covers nothing to [M, C + 1, h, w].
 
-    What was seen is not changed where a gradient is wanted, else overwritten by the result.
+    `seen` is overwritten by the result unless gradients are enabled.
     """
     if torch.is_grad_enabled():
         return torch.cat([seen[:, :-1] + light, seen[:, -1:]], 1)
@@ -107,14 +107,14 @@ def add_light(seen: Tensor, light: Tensor) -> Tensor:
 
 
 def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
-    """Whether nothing is left to cover, as far as it is worth asking.
+    """Whether no coverage is left to fill, if testing it is worthwhile.
 
-    Never where a gradient is wanted, for what is left has one; nor off the CPU, where the answer
-    would be waited for: adding nothing costs less there.
+    False if `seen` needs a gradient, for the coverage left has one; and on a GPU, where reading the
+    answer stalls for longer than it takes to add a layer of share 0.
 
     Args:
-        seen: [M, C + 1, h, w], as above.
-        full: As above.
+        seen: [M, C + 1, h, w], as in `share_behind`.
+        full: As in `share_behind`.
     """
     if seen.requires_grad or not seen.is_cpu:
         return False
@@ -140,12 +140,12 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
 
 
 def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: bool = True) -> Tensor:
-    """The image [C, h, w] of some parts together, divided by the share that saw something.
+    """The image [C, h, w] of all parts together, divided by their coverage.
 
     Args:
         seen: [M, C + 1, h, w].
         weights: M shares of the parts in the aperture; None if they are equal.
-        signed: Whether it may be negative; else what rounding and overshoot leave is cut off.
+        signed: Whether colours may be negative; else negative rounding and overshoot become 0.
 
     A pixel sees its own surface at least through the whole or a half of the aperture: the share is
     positive.
@@ -165,8 +165,8 @@ def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Ten
 
     Args:
         centre: [C, h, w].
-        left: As composited, [C, h, w].
-        right: The same.
+        left: The left half as composited, [C, h, w].
+        right: The right half as composited, [C, h, w].
         signed: Whether pixels of the picture are negative (colours outside the gamut).
     """
     if signed:
@@ -174,6 +174,6 @@ def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Ten
         return torch.stack([centre + difference, centre - difference])
     left, right = left.clamp(min=0), right.clamp(min=0)  # transforms leave ±1e-8
     total = left + right
-    some = total > 0
-    share = torch.where(some, left / torch.where(some, total, 1.0), 0.5)
+    lit = total > 0
+    share = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
     return 2 * centre * torch.stack([share, 1 - share])

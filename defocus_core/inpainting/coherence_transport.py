@@ -1,4 +1,4 @@
-"""Coherence transport: lines continued behind what hides them.
+"""Coherence transport: lines continued behind the surface that hides them.
 
 A smooth continuation fades the joints of a wall and the edges of a pattern. Where the picture
 beside a hidden pixel has one direction, the pixel takes the colours that lie next to it along that
@@ -13,24 +13,24 @@ from torch import Tensor
 
 from defocus_core.inpainting.two_layer_pyramid import Level
 
-# Pixels of half resolution whose radii in px differ by more are not neighbours on one surface.
+# Neighbours of half resolution whose radii differ by more, in px, are of two surfaces.
 _SAME = 1.013
-# Px from a pixel, along its direction, at which a known one is looked for.
+# Distances in px from a hidden pixel, along its direction, at which a farther surface is sought.
 _STEPS = (2.1, 4.1, 7.1, 11.1, 16.1, 22.1)
-# Px at which a colour from one side alone counts nothing.
+# Distance in px from which a colour from one side alone has no weight.
 FARTHEST = 24
-# How much the radius in px of a colour may differ from the one that is continued.
+# Greatest difference in px between the radius of a transported colour and the continued radius.
 _OF_ONE = 2.013
-# Slopes of colour, per px and as a share of it, that have no direction; and the coherence below
-# which there is hardly one.
+# Slope per px, as a share of the colour, below which a pixel has no direction; and the coherence
+# below which the direction hardly counts.
 _FLAT, _HARDLY = 1e-3, 0.05
 
 
 def structure(half: Level) -> Level:
     """A picture with its structure tensor as three further channels: xx, xy and yy.
 
-    Of slopes between neighbours on one surface, summed over channels (Di Zenzo 1986). Edges of
-    depth are not part of it.
+    The tensor is made of slopes between neighbours on one surface, summed over channels (Di Zenzo
+    1986); depth edges have no slope.
 
     Args:
         half: Linear colour and radius in px, at half of the resolution.
@@ -41,14 +41,14 @@ def structure(half: Level) -> Level:
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
     first = half.first._replace(values=torch.cat([picture, tensor]).flatten(1))
     second = half.second
-    if second is not None:  # of so few pixels nothing is known
+    if second is not None:  # a second sheet has too few pixels for slopes
         tensor = second.values.new_zeros(3, len(second.most))
         second = second._replace(values=torch.cat([second.values, tensor]))
     return half._replace(first=first, second=second)
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
-    """The mean slope [C, H, W] towards both neighbours, of those that are of the same surface."""
+    """The mean slope [C, H, W] towards the neighbours that are of the same surface."""
     n = values.shape[dim] - 1
     if n < 1:
         return torch.zeros_like(values)
@@ -57,11 +57,11 @@ def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
     return total / count.clamp(min=1)
 
 
-def _of_both(between: Tensor, dim: int) -> Tensor:
-    """For each pixel the sum of what lies between it and its two neighbours, if it has them."""
-    n = between.shape[dim] - 1
-    first, last = between.narrow(dim, 0, 1), between.narrow(dim, n, 1)
-    inner = between.narrow(dim, 0, n) + between.narrow(dim, 1, n)
+def _of_both(steps: Tensor, dim: int) -> Tensor:
+    """For each pixel the sum of the two values between it and its neighbours; one at a border."""
+    n = steps.shape[dim] - 1
+    first, last = steps.narrow(dim, 0, 1), steps.narrow(dim, n, 1)
+    inner = steps.narrow(dim, 0, n) + steps.narrow(dim, 1, n)
     return torch.cat([first, inner, last], dim)
 
 
@@ -73,14 +73,14 @@ def transported(
     tensor: Tensor,
     halvings: int = 0,
 ) -> Tensor:
-    """Colours [n, C] behind nearer surfaces, with the lines that lead there.
+    """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture.
 
     Args:
         picture: [C + 1, H, W] linear colour and radius in px.
         at: [n, 2] rows and columns of pixels.
-        border: [n] px, beyond which a pixel is farther.
+        border: [n] px of radius, beyond which a pixel is of a farther surface.
         smooth: [n, C + 1] colour and radius as continued without a direction.
-        tensor: [n, 3] structure tensor, continued likewise.
+        tensor: [n, 3] structure tensor, continued without a direction.
         halvings: How many times the resolution of the picture is halved.
     """
     r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[1:]
@@ -94,7 +94,7 @@ def transported(
     first, second, to_first, to_second = ends[:n], ends[n:], away[:n], away[n:]
     is_first, is_second = near[:n], near[n:]
     both = is_first & is_second
-    # of two ends the nearer counts more; of one, the less the farther it is
+    # the nearer one of two ends has more weight; a single end has less the farther it is
     share = torch.where(both, to_second / (to_first + to_second), is_first.to(r.dtype))[:, None]
     between = share * first + (1 - share) * second
     fading = 1 - torch.where(is_first, to_first, to_second) / FARTHEST
@@ -133,11 +133,11 @@ def _first_beyond(
         [n] index in r, and [n] px; infinitely far where there is none.
     """
     H, W = size
-    found = torch.zeros_like(at[:, 0])
-    away = torch.full_like(border, torch.inf)
+    spots = torch.zeros_like(at[:, 0])
+    distance = torch.full_like(border, torch.inf)
     # halves are rounded away from 0: mirrored directions lead to mirrored pixels
     half = torch.full_like(along, 0.5).copysign(along)
-    left = torch.arange(len(at), device=at.device)
+    seeking = torch.arange(len(at), device=at.device)
     state = [*at.unbind(1), *along.unbind(1), *half.unbind(1), border]
     for step in _STEPS:
         y, x, down, across, half_down, half_across, limit = state
@@ -146,10 +146,10 @@ def _first_beyond(
             (x + torch.add(half_across, across, alpha=step * scale).long()).clamp_(0, W - 1)
         )
         known = r.index_select(0, spot) > limit
-        some, rest = (torch.nonzero(each)[:, 0] for each in (known, ~known))
-        here = left.index_select(0, some)
-        found.index_copy_(0, here, spot.index_select(0, some))
-        away.index_fill_(0, here, step)
-        left = left.index_select(0, rest)
-        state = [each.index_select(0, rest) for each in state]
-    return found, away
+        hit, miss = (torch.nonzero(each)[:, 0] for each in (known, ~known))
+        reached = seeking.index_select(0, hit)
+        spots.index_copy_(0, reached, spot.index_select(0, hit))
+        distance.index_fill_(0, reached, step)
+        seeking = seeking.index_select(0, miss)
+        state = [each.index_select(0, miss) for each in state]
+    return spots, distance

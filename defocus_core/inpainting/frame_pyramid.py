@@ -1,7 +1,7 @@
-"""A coarse picture of the frame, which regions take their surroundings from.
+"""A pyramid of the whole frame, from which regions take their surroundings.
 
-What lies behind an edge of depth is continued from pictures of a quarter of the resolution and
-less, made once for the whole frame. So is the map of what the edges reveal.
+A surface behind a depth edge is continued from pictures of a quarter of the resolution and less.
+They are made once for the whole frame, and so is the map of the edges' reach.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from defocus_core.runtime.threads import threaded
 
 # Edges of radius, in px per pixel, above which one surface hides another.
 EDGE = 1.013
-# By how much a pixel beside a nearer one counts: it may show a part of that.
+# Weight of a pixel beside a nearer one: it may be a mixture of both.
 _MIXED = 0.25
-# Rows of a quarter of the resolution, and pixels of the whole one, that are made at once at most;
-# and rows around them that these depend on.
+# Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band; and
+# rows of quarter resolution around a band that it depends on.
 _BAND, _PIXELS, _AROUND = 32, 1 << 20, 2
 # Levels are made until a cell is this many times as wide as radii differ; no round number, so that
 # rounding decides nothing.
@@ -37,12 +37,12 @@ _WIDER = 1.99
 
 
 class Backdrop(NamedTuple):
-    """A frame, seen coarsely.
+    """A frame at low resolution.
 
     Attributes:
-        levels: Of a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
+        levels: At a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
             structure tensor.
-        reach: Of its edges.
+        reach: How far its edges reach.
         fine: Where the middle of the frame is at full resolution.
     """
 
@@ -59,14 +59,14 @@ def backdrop(
     threads: int = 1,
     ends: tuple[float, float] | None = None,
 ) -> Backdrop:
-    """Look at a picture coarsely.
+    """Make the pyramid and the reach of a frame.
 
     Args:
         pixels: [C, H, W] linear.
         signed_radius: [H, W] px.
-        limit: What is brighter is a highlight, and not continued.
-        dtype: To compute in; None for that of the pixels.
-        threads: Bands of rows looked at at once.
+        limit: Brightness above which a pixel is a highlight, which is not continued.
+        dtype: Type to compute in; None for the type of the pixels.
+        threads: Number of bands computed at once.
         ends: Least and greatest radius in px, if they are known.
     """
     H, W = signed_radius.shape
@@ -81,8 +81,8 @@ def backdrop(
     half = halves(H, fine[0])
     quarter = halves(half.length, half.axis)
 
-    def looked_at(rows: tuple[int, int]) -> tuple[Level, Tensor, int, int]:
-        """From some row to another of a quarter of the resolution: these, edges, and both ends."""
+    def band_of(rows: tuple[int, int]) -> tuple[Level, Tensor, int, int]:
+        """The level and the edges of a band of rows [first, end), and these rows in the level."""
         first, last = (row - quarter.axis.middle for row in rows)
         top = max(0, fine[0].middle + 4 * (first - _AROUND))
         below = min(H, fine[0].middle + 4 * (last + _AROUND) + fine[0].odd)
@@ -103,14 +103,14 @@ def backdrop(
     cuts = [*range(0, quarter.length, step), quarter.length]
     edges = torch.empty(half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device)
 
-    def put_together() -> Iterator[tuple[Level, int, int]]:
+    def bands() -> Iterator[tuple[Level, int, int]]:
         done = 0
-        for level, some, first, end in threaded(looked_at, list(pairwise(cuts)), threads):
-            edges[done : done + len(some)] = some
-            done += len(some)
+        for level, band_edges, first, end in threaded(band_of, list(pairwise(cuts)), threads):
+            edges[done : done + len(band_edges)] = band_edges
+            done += len(band_edges)
             yield level, first, end
 
-    levels = [stacked(put_together(), quarter.length, quarter.axis)]
+    levels = [stacked(bands(), quarter.length, quarter.axis)]
     while max(levels[-1].size) > 1 and 1 << levels[-1].halvings < _WIDER * (most - least):
         levels.append(coarser(levels[-1]))
     return Backdrop(levels, reach_of(edges, grain, most - least, fine), fine)
@@ -123,7 +123,7 @@ def _coarsely(
     grain: float,
     middle: tuple[Axis, Axis],
 ) -> tuple[Level, Tensor, int]:
-    """A quarter of the resolution, edges at half of it, and the row of the middle in these."""
+    """The level of quarter resolution; edges at half resolution, and the middle row in these."""
     r = signed_radius.detach()
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
@@ -136,9 +136,9 @@ def _coarsely(
 
 def _beside_edges(r: Tensor) -> Tensor:
     """The numbers of the farther pixels at edges of radii [H, W] px."""
-    found = []
+    numbers = []
     for dim, stride in ((0, r.shape[1]), (1, 1)):
         step = r.diff(dim=dim)
         row, column = places_of(exceeding(step.abs(), EDGE)).unbind(1)
-        found.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
-    return torch.cat(found)
+        numbers.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
+    return torch.cat(numbers)

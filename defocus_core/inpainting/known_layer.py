@@ -16,14 +16,14 @@ from defocus_core.inpainting.region_view import in_cells, in_pixels
 
 
 class Behind(NamedTuple):
-    """What is known of a whole frame, in memory or not; elsewhere than in the mask, anything."""
+    """A known layer of a whole frame, in memory or not; outside the mask values are undefined."""
 
     color: Pixels
     signed_radius: Pixels
     mask: Pixels
 
     def within(self, box: Box, signed_radius: Tensor, dtype: torch.dtype) -> HiddenLayer:
-        """What is known within a box whose visible radii are [height, width] px."""
+        """The known layer within a box whose visible radii are [height, width] px."""
         color, radius, mask = map(box.of, self)
         mask = mask.bool()
         color = torch.where(mask, color.to(dtype), 0.0)
@@ -33,12 +33,12 @@ class Behind(NamedTuple):
 def told_apart(
     known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
 ) -> tuple[HiddenLayer, HiddenLayer]:
-    """What of a known layer is hidden, and what of an invented one is needed besides.
+    """The hidden part of a known layer, and the part of an invented layer that is still needed.
 
     Args:
-        known: [H, W] px.
-        hidden: The same, or at half of the resolution.
-        middle: Of the frame, in px.
+        known: The known layer, [H, W].
+        hidden: The invented layer, at full or half resolution.
+        middle: The middle of the frame, in px.
     """
     size = (known.mask.shape[0], known.mask.shape[1])
     halved = hidden.mask.shape != known.mask.shape

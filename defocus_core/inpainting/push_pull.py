@@ -1,8 +1,8 @@
 """Push-pull: a smooth continuation of surfaces to hidden pixels.
 
-A pixel takes what lies around it at a fine resolution, as far as there is anything, and the rest
-from the next coarser one, until it has enough (Gortler et al. 1996). Resolutions are made once, of
-surfaces instead of borders (`sheets.py`); only the pixels that ask are looked up.
+A pixel takes the mean of the surfaces around it at a fine level, by the weight that they have
+there, and the rest from the next coarser level, until its weight is enough (Gortler et al. 1996).
+The levels are made once (`two_layer_pyramid.py`), and read only for the pixels that are asked for.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from torch import Tensor
 from defocus_core.images.pyramid import Axis, places
 from defocus_core.inpainting.two_layer_pyramid import Level, Sheet
 
-# Pixels that have as much of a value as this look no farther.
+# Weight from which on a pixel takes nothing from coarser levels.
 _ENOUGH = 0.5
 # Pixels looked up at once: few enough to stay in a cache.
 _PIXELS = 1 << 15
 
 
 class Asked(NamedTuple):
-    """Pixels that something is continued to, and which surfaces.
+    """Hidden pixels, and the range of radii of the surfaces that are continued to each.
 
     Attributes:
-        at: [n, 2] rows and columns, in between pixels too.
-        border: [n] px of radius, beyond which a surface is continued.
-        ceiling: [n] px, from which on it is not.
+        at: [n, 2] rows and columns, also between pixels.
+        border: [n] px, the radius that a surface must exceed.
+        ceiling: [n] px, the radius that a surface must not reach.
     """
 
     at: Tensor
@@ -36,7 +36,7 @@ class Asked(NamedTuple):
     ceiling: Tensor
 
     def some(self, index: Tensor) -> Asked:
-        """Some of them."""
+        """The pixels of these indices."""
         return Asked(*(values.index_select(0, index) for values in self))
 
 
@@ -46,41 +46,41 @@ def continued(
     asked: Asked,
     fine: tuple[Axis, Axis],
 ) -> tuple[Tensor, Tensor]:
-    """Values of some pixels, each from the surfaces that are continued to it.
+    """Values of hidden pixels, each from the surfaces that are continued to it.
 
     Args:
-        finest: What is around them at the finest resolution, as below.
-        levels: The next ones, from fine to coarse, K channels.
-        asked: The pixels, at full resolution.
+        finest: Values and weights from the finest level, as returned here.
+        levels: The coarser levels, from fine to coarse, K channels.
+        asked: The hidden pixels, at full resolution.
         fine: Where the middle of the frame is at full resolution.
 
     Returns:
-        [K, n] values times their weight, and [n] these weights, in [0, 1].
+        [K, n] values times weights, and [n] weights in [0, 1].
     """
     values, weight = finest
     for level in levels:
-        some = torch.nonzero(weight < _ENOUGH)[:, 0]
-        if not len(some):
+        lacking = torch.nonzero(weight < _ENOUGH)[:, 0]
+        if not len(lacking):
             break
-        found, share = nearby(level, asked.some(some), fine)
-        left = 1 - weight.index_select(0, some)
-        values = values.index_add(1, some, found * left)
-        weight = weight.index_add(0, some, share * left)
+        more, share = nearby(level, asked.some(lacking), fine)
+        missing = 1 - weight.index_select(0, lacking)
+        values = values.index_add(1, lacking, more * missing)
+        weight = weight.index_add(0, lacking, share * missing)
     return values, weight
 
 
 def nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
-    """What is around some pixels at one resolution; arguments and result as above."""
+    """Values and weights from one level; arguments and result are those of `continued`."""
     if len(asked.at) <= _PIXELS:
         return _nearby(level, asked, fine)
     pieces = zip(*(torch.split(values, _PIXELS) for values in asked), strict=True)
-    parts = [_nearby(level, Asked(*some), fine) for some in pieces]
+    parts = [_nearby(level, Asked(*piece), fine) for piece in pieces]
     values, weights = zip(*parts, strict=True)
     return torch.cat(values, 1), torch.cat(weights)
 
 
 def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
-    """The four cells around each pixel, by their distance."""
+    """The mean of the four cells around each pixel, weighted by distance."""
     n, ends = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
     place = torch.stack(places(asked.at, fine, level.middle, level.halvings))
     (row, column), (down, across) = _neighbours(place.to(asked.border.dtype), level.size)
@@ -89,9 +89,9 @@ def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor
     values, weight = _weighed(level.first, cell, ends, share)
     if level.second is not None and level.number is not None:
         number = level.number.index_select(0, cell)
-        share = share * (number + 1).clamp_(max=1)  # 0 where there is none
-        found, light = _weighed(level.second, number.clamp_(min=0), ends, share)
-        values, weight = values + found, weight + light
+        share = share * (number + 1).clamp_(max=1)  # 0 where a cell has no second sheet
+        second_values, second_weight = _weighed(level.second, number.clamp_(min=0), ends, share)
+        values, weight = values + second_values, weight + second_weight
     values, weight = values.reshape(-1, 4, n).sum(1), weight.reshape(4, n).sum(0)
     most = weight.clamp(min=1)
     return values / most, weight / most
@@ -100,7 +100,7 @@ def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor
 def _weighed(
     sheet: Sheet, cell: Tensor, ends: tuple[Tensor, Tensor], share: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Values [K, n] of a cell each times their weights, and these [n]; 0 but between two ends."""
+    """Values [K, n] of cells times weights, and weights [n]; 0 unless radii lie between `ends`."""
     least = sheet.least.index_select(0, cell)
     between = torch.minimum(least - ends[0], ends[1] - least).gt_(0)
     weight = share * sheet.weight.index_select(0, cell) * between
@@ -108,10 +108,10 @@ def _weighed(
 
 
 def _neighbours(place: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """The two cells beside each place [2, n] along both axes, and their shares; 0 if none is.
+    """The two cells beside each place [2, n] along both axes, and their shares; 0 outside.
 
     Returns:
-        Both [2, 2, n], of rows and of columns.
+        Numbers and shares, each [2, 2, n]: rows first, then columns.
     """
     below = place.floor()
     last = below.new_tensor(size)[:, None] - 1

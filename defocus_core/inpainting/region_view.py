@@ -15,13 +15,13 @@ _Axes = tuple[Axis, Axis]
 
 
 class View(NamedTuple):
-    """A picture in which cells are pixels or, at half of the resolution, two by two of them.
+    """A picture whose cells are pixels or, at half resolution, two by two pixels.
 
     Attributes:
-        picture: [C + 1, h, w], colour and radius in px of what is farthest in each cell.
-        near: [h, w] px, the least radius in each.
+        picture: [C + 1, h, w], colour and radius in px of the farthest surface in each cell.
+        near: [h, w] px, the least radius in each cell.
         middle: Where the middle of the frame is among cells.
-        fine: Where it is among pixels.
+        fine: Where the middle of the frame is among pixels.
         halvings: 0 or 1.
     """
 
@@ -32,15 +32,15 @@ class View(NamedTuple):
     halvings: int
 
     def pixels(self, at: Tensor) -> Tensor:
-        """Rows and columns [n, 2] of pixels, of those of cells or of what lies in between."""
+        """From cells, or places between cells, to pixels: rows and columns [n, 2]."""
         step = 1 << self.halvings
-        found = [
+        places = [
             (at[:, d] - here.middle) * step + there.middle
             if here.odd
             else ((at[:, d] - here.middle) * step + there.middle).float() + (step - 1) / 2
             for d, (here, there) in enumerate(zip(self.middle, self.fine, strict=True))
         ]
-        return torch.stack(found, 1)
+        return torch.stack(places, 1)
 
     def cells(self, box: Box) -> Box:
         """The cells that hold the pixels of a rectangle."""
@@ -56,13 +56,13 @@ class View(NamedTuple):
 
 
 def whole_view(image: Tensor, signed_radius: Tensor, middle: _Axes) -> View:
-    """A picture [C, H, W] of radii [H, W] px as it is."""
+    """A picture [C, H, W] of radii [H, W] px at full resolution."""
     picture = torch.cat([image, signed_radius[None]])
     return View(picture, signed_radius.detach(), middle, middle, 0)
 
 
 def half_view(half: Level, fine: _Axes) -> View:
-    """A picture seen at half of its resolution."""
+    """A picture at half resolution."""
     near = half.first.least
     if half.second is not None and half.number is not None:
         held = torch.nonzero(half.number >= 0)[:, 0]
@@ -73,13 +73,13 @@ def half_view(half: Level, fine: _Axes) -> View:
 
 
 def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
-    """For each pixel the greatest [H, W] of the cells of two by two pixels that it is part of."""
+    """For each pixel the greatest value [H, W] of the cells of half resolution it is part of."""
     down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
     wide = spread_out(values, (down.axis.odd, across.axis.odd))
     return wide[down.before : down.before + size[0], across.before : across.before + size[1]]
 
 
-def in_cells(some: Tensor, middle: _Axes) -> Tensor:
-    """Which cells of two by two pixels hold any of some [H, W] bool."""
-    share, _ = averaged(some.to(torch.float32)[None, None], 1, middle)
+def in_cells(mask: Tensor, middle: _Axes) -> Tensor:
+    """Which cells of half resolution hold any pixel of a mask [H, W] bool."""
+    share, _ = averaged(mask.to(torch.float32)[None, None], 1, middle)
     return share[0, 0].gt(0)

@@ -1,9 +1,9 @@
-"""A pyramid of two layers: in each cell the farthest surface, and the next before it.
+"""A pyramid of two layers: in each cell the farthest surface, and the next one in front of it.
 
-A cell on an edge of depth holds two surfaces. Their mean is neither, and what a nearer surface
-hides goes on from what lies farther alone. So each cell keeps two sheets, each of pixels whose
-radii are alike. Where resolution is halved again cells overlap (Burt 1981): what they hold hardly
-depends on where an edge lies among them.
+A cell on a depth edge holds two surfaces. Their mean is neither, and hidden content is continued
+from the farther one alone. So each cell keeps two sheets, each the mean of pixels of like radii.
+From the second halving on cells overlap (Burt 1981), so that their values hardly depend on where an
+edge lies among them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from torch import Tensor
 from defocus_core.images.pyramid import Axis, Halves, extended, halved, halves, pulled
 from defocus_core.images.sparse_masks import numbers_of
 
-# Px of radius that are one surface: in a cell of two by two pixels, and how many times more at each
-# further level.
+# Range of radii in px that counts as one surface in a cell of two by two pixels; and the factor by
+# which it grows at each further level.
 _ALIKE, _MORE = 1.013, 1.5
-# Cells on edges that are taken apart at once: bounds memory.
+# Cells on edges that are split into two sheets at once: bounds memory.
 _CELLS = 1 << 12
 
 
@@ -28,10 +28,10 @@ class Sheet(NamedTuple):
     """A surface in each of n cells.
 
     Attributes:
-        values: [K, n], its means; 0 where there is none.
-        weight: [n] in [0, 1], from how much of the cell they come.
-        least: [n] px, the least radius in it; infinite where there is none.
-        most: [n] px, the greatest; -infinite where there is none.
+        values: [K, n] means over the surface; 0 where there is none.
+        weight: [n] in [0, 1], the share of the cell that the surface takes.
+        least: [n] px, its least radius; infinite where there is none.
+        most: [n] px, its greatest radius; -infinite where there is none.
     """
 
     values: Tensor
@@ -46,12 +46,12 @@ class Level(NamedTuple):
     Attributes:
         size: (height, width) in cells.
         first: The farthest surface in each cell, row by row.
-        second: The next one, of those cells that have one.
-        number: [height * width] which of these a cell has, or -1; None if no cell has one.
-        middle: Where the middle of the frame is in it.
+        second: The surface in front of the first, for the cells that hold two.
+        number: [height * width] the index of each cell in `second`, or -1; None if all are -1.
+        middle: The middle of the frame, in cells.
         halvings: How many times resolution is halved.
-        edges: Numbers of the cells that hold an edge, of depth or of what counts.
-        whole: Whether every cell counts wholly.
+        edges: Numbers of the cells that hold a depth edge or pixels without weight.
+        whole: Whether all weights are 1.
     """
 
     size: tuple[int, int]
@@ -63,12 +63,12 @@ class Level(NamedTuple):
     edges: Tensor
     whole: bool = False
 
-    def channels(self, some: slice) -> Level:
-        """The same with some of its values."""
-        first = self.first._replace(values=self.first.values[some])
+    def channels(self, wanted: slice) -> Level:
+        """The level with a range of its channels."""
+        first = self.first._replace(values=self.first.values[wanted])
         second = self.second
         if second is not None:
-            second = second._replace(values=second.values[some])
+            second = second._replace(values=second.values[wanted])
         return self._replace(first=first, second=second)
 
 
@@ -83,23 +83,23 @@ def pixels_of(
     Args:
         values: [K, H, W].
         signed_radius: [H, W] px.
-        middle: Of the frame.
-        weight: [H, W] in [0, 1], by how much pixels count; None if all count alike.
+        middle: The middle of the frame.
+        weight: [H, W] in [0, 1], weights of pixels; None if all are 1.
     """
     r = signed_radius.detach()
     size = (r.shape[0], r.shape[1])
     least = most = r = r.flatten()
     whole = weight is None
     weight = torch.ones_like(r) if weight is None else weight.flatten()
-    if not whole and not bool((held := weight.bool()).all()):
-        least, most = torch.where(held, r, torch.inf), torch.where(held, r, -torch.inf)
+    if not whole and not bool((counted := weight.bool()).all()):
+        least, most = torch.where(counted, r, torch.inf), torch.where(counted, r, -torch.inf)
     none = torch.zeros(0, dtype=torch.long, device=r.device)
     first = Sheet(values.flatten(1), weight, least, most)
     return Level(size, first, None, None, middle, 0, none, whole)
 
 
 def coarser(level: Level) -> Level:
-    """The same at half of its resolution."""
+    """The next coarser level, at half the resolution."""
     H, W = level.size
     down, across = (halves(n, axis) for n, axis in zip(level.size, level.middle, strict=True))
     odd = (down.axis.odd, across.axis.odd)
@@ -126,13 +126,13 @@ def coarser(level: Level) -> Level:
     result = Level(size, dense, None, None, middle, level.halvings + 1, edges)
     if not len(edges):
         return result
-    parts = [
-        _taken_apart(level, some, (down, across), overlapping, alike)
-        for some in torch.split(edges, _CELLS)
+    pairs = [
+        _split(level, chunk, (down, across), overlapping, alike)
+        for chunk in torch.split(edges, _CELLS)
     ]
-    far, near = (_joined([pair[i] for pair in parts]) for i in (0, 1))
-    for whole, some in zip(dense, far, strict=True):
-        whole.index_copy_(-1, edges, some)
+    far, near = (_joined([pair[i] for pair in pairs]) for i in (0, 1))
+    for whole, split in zip(dense, far, strict=True):
+        whole.index_copy_(-1, edges, split)
     held = torch.nonzero(near.most > -torch.inf)[:, 0]
     if not len(held):
         return result
@@ -145,7 +145,7 @@ def coarser(level: Level) -> Level:
 
 
 def _greatest_of(values: Tensor, odd: tuple[bool, bool], overlapping: bool) -> Tensor:
-    """The greatest [h, w] of the pixels [H, W] that have a share in a cell."""
+    """The greatest value [h, w] among the pixels [H, W] that have a share in each cell."""
     for dim in (0, 1):
         even, other = (values[i::2] if dim == 0 else values[:, i::2] for i in (0, 1))
         values = even.clone() if odd[dim] else torch.maximum(even, other)
@@ -163,7 +163,7 @@ def _greatest_of(values: Tensor, odd: tuple[bool, bool], overlapping: bool) -> T
 
 
 def _taps(axis: Halves, overlapping: bool) -> list[tuple[int, float]]:
-    """Which pixels have a share in a cell, counted from twice its number, and their shares."""
+    """The pixels that have a share in cell i, counted from 2 i, and their shares."""
     if axis.axis.odd:
         return [(-1, 0.5), (0, 1.0), (1, 0.5)]
     if overlapping:
@@ -171,17 +171,17 @@ def _taps(axis: Halves, overlapping: bool) -> list[tuple[int, float]]:
     return [(0, 1.0), (1, 1.0)]
 
 
-def _taken_apart(
+def _split(
     level: Level, cells: Tensor, axes: tuple[Halves, Halves], overlapping: bool, alike: float
 ) -> tuple[Sheet, Sheet]:
-    """The farthest surface in some cells [n] of half resolution, and the next.
+    """The farthest surface and the next one in cells [n] of half resolution.
 
     Args:
-        level: Whose resolution is halved.
-        cells: Their numbers.
-        axes: How this is done.
+        level: The level whose resolution is halved.
+        cells: Numbers of the cells.
+        axes: How rows and columns are halved.
         overlapping: Whether cells share pixels.
-        alike: Px of radius that are one surface.
+        alike: Range of radii in px that counts as one surface.
     """
     row = cells.div(axes[1].length, rounding_mode="floor")
     places, shares = [], []
@@ -201,9 +201,9 @@ def _taken_apart(
     if level.second is not None and level.number is not None:
         number = level.number.index_select(0, index)
         held = torch.nonzero(number >= 0)[:, 0]
-        some = number.index_select(0, held)
+        chosen = number.index_select(0, held)
         nearer = (
-            torch.full_like(far, missing).index_copy(-1, held, each.index_select(-1, some))
+            torch.full_like(far, missing).index_copy(-1, held, each.index_select(-1, chosen))
             for far, each, missing in zip(
                 sheet, level.second, (0.0, 0.0, torch.inf, -torch.inf), strict=True
             )
@@ -213,55 +213,55 @@ def _taken_apart(
         each.reshape(*each.shape[:-1], -1, len(cells)) for each in (*sheet, share)
     )
     weight = weight * share
-    left, found = weight > 0, []
+    remaining, sheets = weight > 0, []
     for _ in range(2):
-        top = torch.where(left, most, -torch.inf).amax(0)
-        some = left & (least > top - alike)
-        left = left & ~some
-        part = weight * some
+        top = torch.where(remaining, most, -torch.inf).amax(0)
+        chosen = remaining & (least > top - alike)
+        remaining = remaining & ~chosen
+        part = weight * chosen
         total = part.sum(0)
         mean = (values * part).sum(1) / torch.where(total > 0, total, 1.0)
-        lowest = torch.where(some, least, torch.inf).amin(0)
-        found.append(Sheet(mean, total.clamp(max=1), lowest, top))
-    return found[0], found[1]
+        lowest = torch.where(chosen, least, torch.inf).amin(0)
+        sheets.append(Sheet(mean, total.clamp(max=1), lowest, top))
+    return sheets[0], sheets[1]
 
 
 def _joined(sheets: list[Sheet]) -> Sheet:
-    """One after another."""
+    """Sheets joined along their cells."""
     if len(sheets) == 1:
         return sheets[0]
     return Sheet(*(torch.cat(each, -1) for each in zip(*sheets, strict=True)))
 
 
-def stacked(parts: Iterable[tuple[Level, int, int]], height: int, axis: Axis) -> Level:
-    """Rows of a picture, put together.
+def stacked(bands: Iterable[tuple[Level, int, int]], height: int, axis: Axis) -> Level:
+    """A level joined from bands of rows.
 
     Args:
-        parts: Some of its rows each, and from which to which of them, from top to bottom.
-        height: Rows of the picture.
-        axis: Where the middle of the frame is in them.
+        bands: From top to bottom: a level, and its rows to take, first and end.
+        height: Rows of the result.
+        axis: The middle of the frame among these rows.
     """
     whole: Level | None = None
     seconds: list[Sheet] = []
     done = held = 0
-    for part, first, end in parts:
-        width = part.size[1]
+    for band, first, end in bands:
+        width = band.size[1]
         if whole is None:
-            blank = (each.new_empty(*each.shape[:-1], height * width) for each in part.first)
-            number = torch.full_like(part.first.least[:1], -1, dtype=torch.int32)
+            blank = (each.new_empty(*each.shape[:-1], height * width) for each in band.first)
+            number = torch.full_like(band.first.least[:1], -1, dtype=torch.int32)
             number = number.repeat(height * width)
-            middle = (axis, part.middle[1])
+            middle = (axis, band.middle[1])
             whole = Level(
-                (height, width), Sheet(*blank), None, number, middle, part.halvings, part.edges[:0]
+                (height, width), Sheet(*blank), None, number, middle, band.halvings, band.edges[:0]
             )
-        here, cells = slice(first * width, end * width), (end - first) * width
-        for into, some in zip(whole.first, part.first, strict=True):
-            into.narrow(-1, done, cells).copy_(some[..., here])
-        if part.second is not None and part.number is not None and whole.number is not None:
-            number = part.number[here]
+        rows, cells = slice(first * width, end * width), (end - first) * width
+        for into, values in zip(whole.first, band.first, strict=True):
+            into.narrow(-1, done, cells).copy_(values[..., rows])
+        if band.second is not None and band.number is not None and whole.number is not None:
+            number = band.number[rows]
             kept = torch.nonzero(number >= 0)[:, 0]
-            some = number.index_select(0, kept)
-            seconds.append(Sheet(*(each.index_select(-1, some) for each in part.second)))
+            values = number.index_select(0, kept)
+            seconds.append(Sheet(*(each.index_select(-1, values) for each in band.second)))
             whole.number[kept + done] = torch.arange(
                 held, held + len(kept), dtype=torch.int32, device=kept.device
             )

@@ -101,7 +101,7 @@ def _reduced(values: Tensor, side: int, dim: int, reduce: Callable[..., Tensor])
 
 
 def of_blocks(values: Tensor, row: Tensor, column: Tensor, side: int) -> Tensor:
-    """Values [..., n, side, side] of n blocks of [..., H, W]; beyond the border they repeat."""
+    """Values [..., n, side, side] of n blocks of [..., H, W]; past the border the last repeats."""
     inner = torch.arange(side, device=values.device)
     y, x = (
         (side * number[:, None] + inner).clamp_(max=size - 1)

@@ -40,7 +40,7 @@ class Points:
         self._starts = [0, *counts.cumsum(0).tolist()]
 
     def _range(self, number: int, first: int, end: int) -> slice:
-        """The range of sorted samples of a layer in the rows of blocks [first, end)."""
+        """Range of the sorted samples of a layer in rows of blocks from `first` to before `end`."""
         offset = number * self._rows
         return slice(self._starts[offset + first], self._starts[offset + end])
 

@@ -216,5 +216,5 @@ def _sharp(whole: _Piece) -> list[_Piece]:
 
 
 def membership(places: Tensor, slices: Tensor) -> Tensor:
-    """Shares of pixels at places [H, W] in slices [K]: [K, H, W], of sum 1 over all slices."""
+    """Shares [K, H, W] of pixels of places [H, W] in slices [K]; over all slices they sum to 1."""
     return (places - slices[:, None, None]).abs_().neg_().add_(1).clamp_(min=0)

@@ -4,8 +4,8 @@ An anti-aliased pixel holds α of the nearer surface and 1 - α of the farther o
 only one of them. Left as they are, such pixels draw ghost lines: the nearer colour stays behind,
 sharp, where the nearer surface is blurred away. They are taken apart in the way of Bayesian matting
 (Chuang et al. 2001): both surfaces have a mean and a variance beside the edge, a pixel is expected
-to be whole, and the most probable α and colours that give it are kept. Of a wire so thin that none
-of its pixels is off the edge, those are left as they are, and what lies beside is cleaned of them.
+to be whole, and the most probable α and colours that give it are kept. If a wire is so thin that
+all of its pixels are on an edge, they stay as they are; the pixels beside it lose its colour.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from torch import Tensor
 from defocus_core.images.neighbourhoods import extreme_around, halfway, squares_around
 from defocus_core.images.sparse_masks import exceeding, places_of
 
-# Range of radii in px, among a pixel and its neighbours, that makes it a pixel on an edge.
+# A pixel is on an edge if its radius and those of its neighbours span more than this, in px.
 EDGE = 1.513
-# Range of two neighbours beyond which one hides the other; less is a slope.
+# Difference of radii of two neighbours, in px, beyond which one hides the other; less is a slope.
 _STEP = 1.013
-# Px to each side of a pixel from which the two surfaces are known.
+# Half width in px of the square around a pixel from which both surfaces are estimated.
 _AROUND = 2
-# The number of the pixel itself among those.
+# Index of the pixel itself in this square.
 _MIDDLE = (2 * _AROUND + 1) ** 2 // 2
-# How far, as a share of coverage, a pixel is expected to deviate from one whole surface.
+# Standard deviation of the coverage of a pixel, before its colour is known, from a whole surface.
 _EXPECTED = 0.05
-# The least deviation that is believed; greater ones are believed the more the greater they are.
+# Deviation of coverage up to which a pixel stays whole; a greater one d counts as d - _CLEAR² / d.
 _CLEAR = 0.1
-# Squares of deviations from its own surface, summed, up to which no pixel is clearly mixed: with
-# evidence e it deviates by d √e / (1 / _EXPECTED² + e) at most, where d² is up to twice that.
+# Sum of squared deviations from its own surface up to which no pixel is clearly mixed: with
+# evidence e its coverage deviates by d √e / (1 / _EXPECTED² + e) at most; d² is up to twice that.
 _UNLIKE = 2 * (_CLEAR / _EXPECTED) ** 2 * 0.99
-# The least deviation of colours of one surface, as a share of them.
+# Least standard deviation of the colours of a surface, as a share of their mean.
 _LEAST_DEVIATION = 0.01
-# The same as a share of the brightest channel: less may be rounding.
+# Least standard deviation as a share of the brightest channel: less may be rounding.
 _ROUNDING = 1e-4
 # Pixels taken apart at once: bounds memory.
 _PIXELS = 1 << 12
@@ -61,8 +61,8 @@ class Unmixed(NamedTuple):
     Attributes:
         color: [C, H, W], not premultiplied by coverage.
         coverage: [1, H, W], the share of each pixel that its own surface covers, if it is the
-            nearer one of two; what is behind shows through the rest. None if all are whole.
-        fringe: What nearer surfaces cover of pixels of farther ones.
+            nearer one of two; the surface behind shows through the rest. None if all are whole.
+        fringe: The parts of nearer surfaces in pixels of farther ones.
     """
 
     color: Tensor
@@ -73,8 +73,8 @@ class Unmixed(NamedTuple):
 def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     """Take mixed pixels apart.
 
-    Pixels beside which the farther surface is nowhere seen alone, and those of a nearer one that is
-    not, as of a wire two px wide, are left as they are.
+    A pixel stays as it is if the farther surface is nowhere seen alone beside it. So does a pixel
+    of a nearer surface that is nowhere seen alone, like a wire two px wide.
 
     Args:
         image: [C, H, W] linear.
@@ -87,10 +87,10 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     if not len(places):
         return whole(image, signed_radius)
     border = halfway(nearest, farthest)
-    found = [
+    chunks = [
         _taken_apart(image, signed_radius, edge, border, at) for at in torch.split(places, _PIXELS)
     ]
-    at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*found, strict=True))
+    at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
     index = at[:, 0] * edge.shape[1] + at[:, 1]
     color = image.flatten(1).index_copy(1, index, own.T).reshape(image.shape)
     coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, share)
@@ -112,7 +112,7 @@ class _Side(NamedTuple):
         mean: [n, C] colour.
         variance: [n, C] of colour.
         signed_radius: [n] px.
-        known: [n] bool, whether it is seen without the other.
+        known: [n] bool, whether it is seen without the other surface.
     """
 
     mean: Tensor
@@ -124,17 +124,17 @@ class _Side(NamedTuple):
 def _taken_apart(
     image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
 ) -> tuple[Tensor, ...]:
-    """Those of the pixels at [n, 2] that are mixed, and what they hold.
+    """Take apart those of the pixels at [n, 2] that are mixed.
 
     Returns:
-        Place, colour and coverage of pixels; place, layer and radius of the fringe in them.
+        Place, colour and coverage of mixed pixels; place, layer and radius of the fringe in them.
     """
     around = _around(image, signed_radius, edge, border, at)
     own = _side(around, around.nearness * around.own())
-    some = torch.nonzero(own.known & (_deviation(around.color, own) > _UNLIKE))[:, 0]
-    around = around.some(some)
-    step = _has_step(around.radii.detach())
-    at, own = at.index_select(0, some), _Side(*(each.index_select(0, some) for each in own))
+    mixed = torch.nonzero(own.known & (_deviation(around.color, own) > _UNLIKE))[:, 0]
+    around = around.some(mixed)
+    stepped = _has_step(around.radii.detach())
+    at, own = at.index_select(0, mixed), _Side(*(each.index_select(0, mixed) for each in own))
     own_near, color = around.is_near[_MIDDLE], around.color
     other = _side(around, around.nearness * (around.is_near != own_near))
     thin = own.known & ~own_near & ~other.known
@@ -153,13 +153,13 @@ def _taken_apart(
         _within(side, color, side.mean + residual * weight)
         for side, weight in zip((near, far), weights, strict=True)
     )
-    # what is cut off a colour is the other's, within its range if α was not cut off, too
-    wide = [torch.where(alpha == 0.5, color, one) for one in (far_color, near_color)]
-    far_color = _within(far, wide[0], _rest(color, near_color, alpha))
-    near_color = _within(near, wide[1], _rest(color, far_color, 1 - alpha))
+    # what a colour was clipped by goes to the other, within its range unless α was clipped, too
+    limits = [torch.where(alpha == 0.5, color, own_limit) for own_limit in (far_color, near_color)]
+    far_color = _within(far, limits[0], _rest(color, near_color, alpha))
+    near_color = _within(near, limits[1], _rest(color, far_color, 1 - alpha))
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
-    known = near.known & far.known & step
+    known = near.known & far.known & stepped
     own_color = torch.where(own_near[:, None], near_color, far_color)[known]
     coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
     behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
@@ -174,7 +174,7 @@ class _Around(NamedTuple):
         colors: [C, 25, n].
         radii: [25, n] px.
         is_near: [25, n] bool, whether they are of the nearer one of two surfaces.
-        nearness: [25, n], by how much they count: 0 on an edge.
+        nearness: [25, n], their weights: 0 on an edge.
     """
 
     colors: Tensor
@@ -188,19 +188,19 @@ class _Around(NamedTuple):
         return self.colors[:, _MIDDLE].T
 
     def own(self) -> Tensor:
-        """[25, n] bool, those of the surface of the pixel itself; a third takes no part."""
-        like = (self.radii - self.radii[_MIDDLE]).detach().abs() <= EDGE
-        return like & (self.is_near == self.is_near[_MIDDLE])
+        """[25, n] bool, which are of the pixel's own surface, not of a second or third one."""
+        alike = (self.radii - self.radii[_MIDDLE]).detach().abs() <= EDGE
+        return alike & (self.is_near == self.is_near[_MIDDLE])
 
     def some(self, index: Tensor) -> _Around:
-        """Those of some pixels."""
+        """The squares around the pixels of these indices."""
         return _Around(*(each.index_select(-1, index) for each in self))
 
 
 def _around(
     image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
 ) -> _Around:
-    """What lies around pixels at [n, 2]; the border tells near from far."""
+    """The squares around pixels at [n, 2]; radii below the border [H, W] are near."""
     place = squares_around(at, (edge.shape[0], edge.shape[1]), _AROUND).flatten(1).T.contiguous()
     spots = place.flatten()
     radii, on_edge = (
@@ -212,43 +212,45 @@ def _around(
 
 
 def _closeness(like: Tensor) -> Tensor:
-    """By how much pixels around another count, [25, 1]."""
+    """Weights of the pixels of a square by their distance from its middle, [25, 1]."""
     offset = torch.arange(-_AROUND, _AROUND + 1, device=like.device)
     squares = (offset * offset + (offset * offset)[:, None]).flatten()
     return torch.exp(squares.to(like.dtype) / -4)[:, None]
 
 
 def _has_step(radii: Tensor) -> Tensor:
-    """Whether neighbours in the inner nine of 25 px [25, n] differ as no surface does: [n] bool."""
+    """Whether the inner nine of 25 radii [25, n] px hold a step between two surfaces: [n] bool."""
     square = radii.reshape(5, 5, -1)[1:4, 1:4]
     steps = (square.diff(dim=dim).abs().amax((0, 1)) for dim in (0, 1))
     return torch.maximum(*steps) > _STEP
 
 
 def _with_thin(far: _Side, near: _Side, around: _Around, thin: Tensor) -> _Side:
-    """The near side, where it is thin of all of its pixels: each is on an edge.
+    """The near side; where it is thin, all of its pixels are on an edge and give its colour.
 
-    These may be mixed, too, but along the same line of colours: what they hold beside the far
-    side's colour is what the pixels beside hold of it.
+    They may be mixed, too, but on the same line between two colours as the pixels beside them: both
+    hold the same colour beside that of the far side.
 
     Args:
-        far: The other.
-        near: Without.
-        around: The pixels of both.
-        thin: [n] bool.
+        far: The far side.
+        near: The near side, from pixels off the edge alone.
+        around: The squares around the pixels.
+        thin: [n] bool, where the near side is thin.
     """
-    some = torch.nonzero(thin)[:, 0]
-    if not len(some):
+    thin_index = torch.nonzero(thin)[:, 0]
+    if not len(thin_index):
         return near
-    few = around.some(some)
-    mixed = _side(few, _closeness(few.radii) * few.is_near)._replace(variance=far.variance[some])
+    thin_around = around.some(thin_index)
+    own = _side(thin_around, _closeness(thin_around.radii) * thin_around.is_near)._replace(
+        variance=far.variance[thin_index]
+    )
     return _Side(
-        *(each.index_copy(0, some, other) for each, other in zip(near, mixed, strict=True))
+        *(each.index_copy(0, thin_index, other) for each, other in zip(near, own, strict=True))
     )
 
 
 def _side(around: _Around, weight: Tensor) -> _Side:
-    """The surface of some of the pixels around others; of weight [25, n], 0 if of another one."""
+    """The surface of the pixels of a square that have a weight; [25, n], 0 for other surfaces."""
     total = weight.sum(0)
     share = weight / torch.where(total > 0, total, 1.0)
     mean, radius = (around.colors * share).sum(1), (around.radii * share).sum(0)
@@ -261,23 +263,23 @@ def _side(around: _Around, weight: Tensor) -> _Side:
 
 
 def _deviation(color: Tensor, side: _Side) -> Tensor:
-    """By how many deviations, squared and summed over channels, colours [n, C] are off: [n]."""
+    """Squared deviations of colours [n, C] from a surface over its variance, summed: [n]."""
     off = (color - side.mean).detach()
     return (off * off / side.variance.detach()).sum(1)
 
 
 def _chosen(first: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """Of each pixel the one or the other, [n] or [n, C]."""
+    """For each pixel a where `first` [n] holds, else b; both [n] or [n, C]."""
     return torch.where(first if a.dim() == 1 else first[:, None], a, b)
 
 
 def _rest(mixed: Tensor, color: Tensor, share: Tensor) -> Tensor:
-    """The other colour of a pixel of which a colour has a share [n, 1]."""
+    """The second colour of mixed pixels, if the first one has a share [n, 1]."""
     return (mixed - share * color) / torch.where(share < 1, 1 - share, 1.0)
 
 
 def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
-    """A colour in the range of its surface, of two deviations, widened to hold another; not < 0."""
+    """Clip a colour to two deviations around its surface's mean; `other` is never clipped."""
     reach = 2 * side.variance.sqrt()
     color = torch.maximum(color, torch.minimum(side.mean - reach, other))
     color = torch.minimum(color, torch.maximum(side.mean + reach, other))
@@ -287,7 +289,7 @@ def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
 def _mixture(color: Tensor, near: _Side, far: _Side, own: Tensor) -> Tensor:
     """The most probable α [n] of colours [n, C] = α near + (1 - α) far, if `own` [n] is expected.
 
-    What is not clearly mixed is not taken apart: small deviations count as none.
+    Small deviations from `own` count as none: only clearly mixed pixels are taken apart.
     """
     variance = (near.variance + far.variance) / 2
     apart = near.mean - far.mean

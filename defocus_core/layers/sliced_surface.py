@@ -19,8 +19,8 @@ from defocus_core.layers.ladder import membership
 from defocus_core.layers.planar_slices import Planes
 from defocus_core.layers.subpixel_shifts import Shifts
 
-# Rows of samples that are averaged at once, of a wide slice and of a narrow one: few enough to
-# stay in a cache.
+# Rows of samples averaged at once are a multiple of _BAND, of about _AREA samples: they stay in a
+# cache.
 _BAND, _AREA = 64, 1 << 16
 
 
@@ -29,13 +29,13 @@ class Samples(NamedTuple):
 
     Attributes:
         color: [C, H, W].
-        coverage: [1, H, W], the share of each pixel that is there; None if all are whole.
+        coverage: [1, H, W], the share of each pixel that the layer covers; None if all are whole.
         places: [H, W] positions.
-        at: [n, 2] rows and columns of further samples.
-        extra: [n, C + 1] further samples: parts of nearer surfaces in the same pixels.
-        extra_places: [n] their positions.
+        at: [n, 2] rows and columns of fringe samples.
+        extra: [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels.
+        extra_places: [n] positions of fringe samples.
         slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
-        shifts: What parts of the aperture add to colours near focus; None if that is not wanted.
+        shifts: Sub-pixel shifts of the colours near focus; None if they are not rendered.
     """
 
     color: Tensor
@@ -49,11 +49,11 @@ class Samples(NamedTuple):
 
 
 class Surface:
-    """A layer of the scene, and what of it each tile of a grid can see.
+    """A layer of the scene, and its slices that each tile of a grid sees.
 
     Attributes:
-        plan: For each tile the rungs that reach it, nearest first.
-        tilted_plan: Those of them that have slopes there.
+        plan: For each tile the rungs whose slices reach it, nearest first.
+        tilted_plan: For each tile the rungs in `plan` whose slices have slopes.
     """
 
     def __init__(
@@ -69,11 +69,11 @@ class Surface:
 
         Args:
             samples: The layer.
-            reaches: Px that each rung spreads.
-            layers: For each rung the number of the layer that it adds up to.
+            reaches: Blur radius of each rung, in px.
+            layers: For each rung the number of its layer.
             grid: The tiles, counted from the first sample.
-            before: Px that windows extend above and to the left of tiles at most.
-            beyond: Px that windows extend from there downwards and to the right at most.
+            before: Greatest distance in px from the first row or column of a window to its tile.
+            beyond: Greatest distance in px from the first row of a tile to the end of a window.
         """
         H, W = samples.places.shape
         first, last = grid.tiles[0], grid.tiles[-1]
@@ -83,8 +83,8 @@ class Surface:
         self._framed_box = Box(top, left, below - top, beside - left)
         count, exists = len(reaches), None
         if samples.coverage is not None:
-            some = samples.coverage.detach()[0].bool()
-            exists = None if bool(some.all()) else some
+            covered = samples.coverage.detach()[0].bool()
+            exists = None if bool(covered.all()) else covered
         blocks = blocks_of(samples.places, count, exists)
         extra = None
         if len(samples.at):
@@ -115,42 +115,42 @@ class Surface:
 
     @cached_property
     def _slopes(self) -> Tensor | None:
-        """Those of samples in the frame of zeros: only slices that are no planes ask."""
+        """Slopes of samples in the frame of zeros; only needed by slices that are no planes."""
         return None if self._lean is None else self._framed([self._lean])
 
     @cached_property
     def _extents(self) -> _Extents:
-        """Where its slices are: only what is blurred at reduced resolution asks."""
+        """Extents of its slices; only needed by slices blurred at reduced resolution."""
         return _Extents(self._blocks, self._own[2:])
 
     def _framed(self, some: list[Tensor]) -> Tensor:
         """Channels [..., H, W], one after another, in a frame of zeros that holds every window."""
         count, box = sum(len(values) for values in some), self._framed_box
         framed = some[0].new_empty(count, *box[2:])
-        here = self._own.seen_from(box)
-        down, across = here.sides
+        inner = self._own.seen_from(box)
+        down, across = inner.sides
         for beside in (framed[:, : down.first], framed[:, down.end :]):
             beside.zero_()
         rows, first = framed[:, down.first : down.end], 0
         for beside in (rows[..., : across.first], rows[..., across.end :]):
             beside.zero_()
         for values in some:
-            here.of(framed)[first : first + len(values)].copy_(values)
+            inner.of(framed)[first : first + len(values)].copy_(values)
             first += len(values)
         return framed
 
     def _unframed(self, box: Box, values: Tensor) -> Tensor:
-        """What a rectangle, counted from the first sample, holds of values [..., h, w]."""
+        """Cut a rectangle, counted from the first sample, from framed values [..., h, w]."""
         return box.seen_from(self._framed_box).of(values)
 
     def patches(self, margins: dict[int, int]) -> list[list[Patch | None]]:
-        """What each tile sees of some layers, by the numbers of which they spread over a margin."""
+        """The patches of layers in each tile; margins are blur radii in px, by number of layer."""
         blocks = [
             self._blocks[[rung for rung, other in enumerate(self._layers) if other == number]]
             for number in margins
         ]
-        some = torch.stack([each.any(0) for each in blocks])
-        return patches(some, self._tiles, list(margins.values()), self._own[2:])
+        occupied = torch.stack([each.any(0) for each in blocks])
+        return patches(occupied, self._tiles, list(margins.values()), self._own[2:])
 
     def members(self, rungs: range, window: Box, lit: Box) -> Tensor:
         """Slices of one layer within a window, [C + 1, k, height, width].
@@ -158,8 +158,8 @@ class Surface:
         Args:
             rungs: Their numbers on the ladder.
             window: Counted from the first sample.
-            lit: What is wanted of it. It begins where the layer does, or where the window does;
-                what follows after its end is left out.
+            lit: The rectangle of the window that is not zero. It begins at the first row and column
+                of the layer or of the window; samples after its end are set to 0.
         """
         here = window.seen_from(self._framed_box)
         shares = membership(here.of(self._places), self._ladder[rungs.start : rungs.stop])
@@ -175,32 +175,32 @@ class Surface:
         return slices
 
     def shares(self, rungs: range, box: Box) -> Tensor:
-        """What of each pixel [h, w] is in some slices."""
+        """The share [h, w] of each pixel in a range of slices."""
         places = self._unframed(box, self._places)
         return membership(places, self._ladder[rungs.start : rungs.stop]).sum(0)
 
     def shifts(self, index: int) -> Tensor | None:
-        """What parts of the aperture add to colours of a tile, [M, C, h, w]; None if nothing."""
+        """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]; None if it has none."""
         tile = self._tiles[index]
-        found = self._shifts.over(tile) if self._shifts else None
-        if found is None or self._coverage is None:
-            return found
-        return found * tile.of(self._coverage)
+        shifts = self._shifts.over(tile) if self._shifts else None
+        if shifts is None or self._coverage is None:
+            return shifts
+        return shifts * tile.of(self._coverage)
 
     def slopes(self, window: Box) -> Tensor:
-        """[2, height, width] within a window around a tile that has tilted slices."""
+        """Slopes [2, height, width] within a window around a tile that has tilted slices."""
         assert self._slopes is not None
         return self._unframed(window, self._slopes)
 
     def planes(self, rungs: list[int], box: Box) -> list[tuple[float, float] | None]:
-        """The slopes of slices within a rectangle; None for one that has a gradient or several.
+        """The slopes of slices within a rectangle; None for a slice of several slopes.
 
-        Counted from the first sample.
+        Slopes that need a gradient give None, too. The box is counted from the first sample.
         """
         return self._planes.slopes(rungs, box) if self._planes else [None] * len(rungs)
 
     def bounds(self, rungs: list[int]) -> Box:
-        """A rectangle that holds all samples of some slices."""
+        """A rectangle that holds all samples of the given slices."""
         return self._extents.box(rungs)
 
     def averaged(
@@ -217,59 +217,59 @@ class Surface:
         Args:
             rung: Its number on the ladder.
             halvings: How many times resolution is halved.
-            cells: What is wanted, in pixels of that resolution, counted from the first at or
-                after the middle of the frame.
-            middle: Of the frame, counted from the first sample.
-            tilted: Whether it has slopes.
+            cells: The rectangle to return, in cells of that resolution, counted from the first at
+                or after the middle of the frame.
+            middle: The middle of the frame, counted from the first sample.
+            tilted: Whether the slice has slopes.
         """
         kinds = 3 if tilted and self._slopes is not None else 1
         result = self._layer.new_zeros(kinds, len(self._layer), *cells[2:])
-        for some in self._bands(rung, 1 << halvings, middle):
-            share = membership(self._unframed(some, self._places), self._ladder[rung : rung + 1])
-            pixels = (self._unframed(some, self._layer) * share)[None]
+        for band in self._bands(rung, 1 << halvings, middle):
+            share = membership(self._unframed(band, self._places), self._ladder[rung : rung + 1])
+            pixels = (self._unframed(band, self._layer) * share)[None]
             if tilted and self._slopes is not None:
-                lean = self._unframed(some, self._slopes)
-                pixels = torch.cat([pixels, pixels * lean[:, None]])
+                slopes = self._unframed(band, self._slopes)
+                pixels = torch.cat([pixels, pixels * slopes[:, None]])
             down, across = (
                 Axis(axis.middle - start, axis.odd)
-                for axis, start in zip(middle, some[:2], strict=True)
+                for axis, start in zip(middle, band[:2], strict=True)
             )
             pixels, (down, across) = averaged(pixels, halvings, (down, across))
-            found = Box(-down.middle, -across.middle, *pixels.shape[-2:])
-            here = found.grown(0, cells)
-            if here.height > 0 and here.width > 0:
-                here.seen_from(cells).of(result).add_(here.seen_from(found).of(pixels))
+            mean_box = Box(-down.middle, -across.middle, *pixels.shape[-2:])
+            overlap = mean_box.grown(0, cells)
+            if overlap.height > 0 and overlap.width > 0:
+                overlap.seen_from(cells).of(result).add_(overlap.seen_from(mean_box).of(pixels))
         if self._extra:
             number = self._layers[rung]
             self._extra.averaged(result[0], number, rung, 1 << halvings, cells, middle)
         return result
 
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
-        """Rectangles that together hold a slice once: rows some steps from the middle."""
+        """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
         size = self._own[2:]
         bounds = self._extents.box([rung])
         rows = max(step, _AREA // max(bounds.width, 1) // _BAND * _BAND, _BAND)
         frame, whole = Box(0, 0, *size), _aligned(bounds, rows, middle)
         for top in range(whole.top, whole.top + whole.height, rows):
             band = Box(top, 0, rows, size[1]).grown(0, frame)
-            found = self._extents.box([rung], band.top, band.top + band.height)
-            if found.width:
-                aligned = _aligned(found._replace(top=band.top, height=0), step, middle)
+            extent = self._extents.box([rung], band.top, band.top + band.height)
+            if extent.width:
+                aligned = _aligned(extent._replace(top=band.top, height=0), step, middle)
                 yield band._replace(left=aligned.left, width=aligned.width).grown(0, frame)
 
 
 class _Extents:
-    """Where the blocks of slices are."""
+    """The extents of slices: in each row of blocks the first block and the one after the last."""
 
     def __init__(self, blocks: Tensor, size: Sequence[int]) -> None:
-        """Look at blocks [K, rows, columns] bool of a frame of (height, width)."""
-        columns, some = blocks.shape[2], blocks.any(2)
-        first = torch.where(some, blocks.long().argmax(2), columns)
-        end = torch.where(some, columns - blocks.flip(2).long().argmax(2), 0)
+        """Keep the extents of blocks [K, rows, columns] bool of a frame of (height, width)."""
+        columns, occupied = blocks.shape[2], blocks.any(2)
+        first = torch.where(occupied, blocks.long().argmax(2), columns)
+        end = torch.where(occupied, columns - blocks.flip(2).long().argmax(2), 0)
         self._size, self._first, self._end = (size[0], size[1]), first.tolist(), end.tolist()
 
     def box(self, rungs: list[int], top: int = 0, below: int | None = None) -> Box:
-        """The rectangle that holds all blocks of some slices, of all rows or between two rows."""
+        """The rectangle that holds all blocks of the given slices, of all rows or between two."""
         rows = slice(top // BLOCK, -(-(self._size[0] if below is None else below) // BLOCK))
         ends = [
             max(of_row) for of_row in zip(*(self._end[rung][rows] for rung in rungs), strict=True)
@@ -283,7 +283,7 @@ class _Extents:
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
-    """The least rectangle around another whose sides are some steps from the middle."""
+    """The least rectangle around a box whose sides are multiples of `step` from the middle."""
     ends = [
         (
             axis.middle + (start - axis.middle) // step * step,

@@ -15,11 +15,11 @@ from torch.nn.functional import pad
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.sparse_masks import numbers_of
 
-# Differences in px that are less and less of the same surface.
+# Differences in px up to which neighbours are of one surface, and from which they are of two.
 _STEP = (1.013, 3.0)
-# Slopes in px per px that may be a plain mean.
+# Slopes in px per px, below which the limiter is nearly a plain mean.
 _SMALL = 0.05
-# Px to each side of a pixel, and the share of those that must be steep.
+# Half width in px of the square around a pixel, and the share of it that must be steep.
 _AROUND = 5
 _AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
 # Px around a pixel that decide its slope.
@@ -34,11 +34,11 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
 
     Args:
         signed_radius: [H, W] px.
-        least: Slopes up to this are left out, and so are steep lines, like the limb of a ball:
-            what is steep counts if it is a third of the pixels around.
+        least: Slopes up to this become 0. So do steep lines, like the limb of a ball: a steep pixel
+            counts if a third of the pixels around it are steep.
 
     Returns:
-        None if nothing is left.
+        None if all slopes are 0.
     """
     x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
     square = torch.addcmul(x * x, y, y)
@@ -46,8 +46,8 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     if highest <= least * least:
         return None
     steep = square.detach() > least * least
-    some = lowest <= least * least
-    if least and some:
+    some_flat = lowest <= least * least
+    if least and some_flat:
         steep &= _many_around(steep)
         if not bool(steep.any()):
             return None
@@ -56,27 +56,27 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
         short = square.clamp(min=1).rsqrt()
         x, y = x * short, y * short
     gradient = torch.stack([x, y])
-    return gradient * steep.to(gradient.dtype) if some else gradient
+    return gradient * steep.to(gradient.dtype) if some_flat else gradient
 
 
-def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
-    """Differences [H, W] along an axis; where a neighbour is beyond an edge the other counts alone.
+def _without_edges(slopes: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
+    """Slopes [H, W] along an axis; beside an edge, the difference to the other neighbour alone.
 
-    So a plane has the same slope all over.
+    So a plane has the same slope up to its edge.
     """
     n, step = r.shape[dim], r.diff(dim=dim).detach()
     if not step.numel() or float(ends_of(step).abs().amax()) <= _STEP[0]:
-        return found
+        return slopes
     step, beside = step.abs() > _STEP[0], torch.zeros_like(steep)
     for k in (0, 1):
         beside.narrow(dim, k, n - 1).logical_or_(step)
-    at = numbers_of(beside & steep)
-    if not len(at):
-        return found
+    index = numbers_of(beside & steep)
+    if not len(index):
+        return slopes
     values, stride = r.flatten(), 1 if dim == -1 else r.shape[1]
-    place = at.div(stride, rounding_mode="floor") % n
+    place = index.div(stride, rounding_mode="floor") % n
     here, before, after = (
-        values.index_select(0, at + stride * shift)
+        values.index_select(0, index + stride * shift)
         for shift in (0, -(place > 0).long(), (place < n - 1).long())
     )
     a, b = here - before, after - here
@@ -85,11 +85,11 @@ def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
     edge_a, edge_b = (((x.abs() - least) / (most - least)).clamp(0, 1) for x in (a, b))
     a, b = torch.lerp(a, b, edge_a), torch.lerp(b, a, edge_b)
     own = _mean((a, b), (_weights(a), _weights(b)))
-    return found.flatten().index_copy(0, at, own).view(found.shape)
+    return slopes.flatten().index_copy(0, index, own).view(slopes.shape)
 
 
 def _many_around(mask: Tensor) -> Tensor:
-    """Where a mask [H, W] holds enough of the square around each pixel, as far as it is there."""
+    """Where enough of the square around each pixel, cut to the frame, is in a mask [H, W]."""
     size = 2 * _AROUND + 1
     count, area = mask.to(torch.uint8), []  # a square has fewer pixels than 255
     for dim in (0, 1):
@@ -103,13 +103,13 @@ def _many_around(mask: Tensor) -> Tensor:
 
 
 def _sums_of(values: Tensor, count: int, dim: int) -> Tensor:
-    """Sums of so many neighbours along an axis, from sums of twice as many each time."""
+    """Sums of `count` neighbours along an axis, from sums of 1, 2, 4, ... neighbours."""
     n = values.shape[dim] + 1 - count
     total, done, size = None, 0, 1
     while True:
         if count & size:
-            some = values.narrow(dim, done, n)
-            total = some.clone() if total is None else total.add_(some)
+            part = values.narrow(dim, done, n)
+            total = part.clone() if total is None else total.add_(part)
             done += size
         if done == count:
             assert total is not None
@@ -137,6 +137,6 @@ def _weights(steps: Tensor) -> Tensor:
 
 
 def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:
-    """Of two differences each counts as much as the other one weighs."""
+    """The mean of two steps, each weighted by the other's weight."""
     (a, b), (a2, b2) = steps, weights
     return torch.addcmul(a * b2, b, a2) / (a2 + b2)
