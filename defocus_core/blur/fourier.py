@@ -1,7 +1,7 @@
 """Fourier blur: sampled kernels, their spectra, and transform sizes.
 
-A tile is blurred within a window that its radius needs. The window is as long as a fast transform
-wants it, at least tile + 2 reach, so that what wraps around falls outside the tile.
+A tile is blurred within a window of a length that transforms fast, at least tile + 2 reach, so that
+the circular transform wraps around outside the tile.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from torch import Tensor
 from defocus_core.images.box import Box
 from defocus_core.optics.aperture import Aperture, Part, kernel
 
-# Kernels that are kept for further frames: more than the slices of a picture are.
+# Number of kernels cached for further frames, more than a picture has slices.
 _KEPT = 256
 
 
 def reach(radius: float, limit: int) -> int:
-    """How many px a slice spreads: 0 where its kernel is a delta, never more than `limit`."""
+    """The reach of a slice's kernel in px: 0 if it is a delta, `limit` at most."""
     return 0 if abs(radius) <= 0.5 else min(math.ceil(abs(radius) - 0.5), limit)
 
 
@@ -50,10 +50,10 @@ def kernels(
 
     Args:
         radii: [K] signed radii in px, float64.
-        extent: Px that the kernels spread at most to each side.
+        extent: Greatest reach of the kernels in px.
         aperture: The pupil.
-        parts: M parts of it.
-        leaning: Whether kernels times u.x and times u.y are wanted, too, for tilted surfaces.
+        parts: M parts of the pupil.
+        leaning: Whether to add kernels times u.x and times u.y, for tilted surfaces.
 
     Returns:
         [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
@@ -68,11 +68,11 @@ def kernels(
 
 @lru_cache(maxsize=_KEPT)
 def _kernel(radius: float, extent: int, aperture: Aperture, part: Part, leaning: bool) -> Tensor:
-    """One of them, [1 or 3, S, S]; the slices of other frames have the same radii."""
-    with torch.inference_mode(False):  # it is kept for those who want gradients, too
+    """The kernel of one part, [1 or 3, S, S]; cached, for all frames use the same radii."""
+    with torch.inference_mode(False):  # it is cached for calls that need gradients, too
         r = torch.tensor(radius, dtype=torch.float64, device="cpu")
-        found = kernel(r, 2 * extent + 1, aperture, part)[None]
-        return torch.cat([found, found * _lens_points(r, extent)]) if leaning else found
+        plain = kernel(r, 2 * extent + 1, aperture, part)[None]
+        return torch.cat([plain, plain * _lens_points(r, extent)]) if leaning else plain
 
 
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
@@ -85,7 +85,7 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
     size = kernels.shape[-1]
     padded = torch.nn.functional.pad(kernels, (0, window[1] - size, 0, window[0] - size))
     centred = padded.roll((-(size // 2), -(size // 2)), (-2, -1))
-    # one at a time: what is transformed together decides about last digits on some processors
+    # one at a time: on some processors the batch size changes the last digits
     spectra = torch.stack([torch.fft.rfft2(one) for one in centred.reshape(-1, *window)])
     return spectra.view(*kernels.shape[:-2], *spectra.shape[-2:])
 
@@ -93,8 +93,8 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
 def _lens_points(radius: Tensor, extent: int) -> Tensor:
     """The lens point u that blurs to each pixel: [2, S, S], x then y.
 
-    u is offset / r; the mean of u² over a round pupil is 1/4, for which kernels sampled by area,
-    1/12 px² wider, are made up. It is at most 1 long: a tilted kernel is never negative.
+    u is offset / r, scaled to a mean square of 1/4, as over a round pupil: kernels sampled by area
+    are 1/12 px² wider. u is at most 1 long, so that a tilted kernel is never negative.
     """
     offset = torch.arange(-extent, extent + 1, dtype=radius.dtype)
     x = (offset * (radius / (radius * radius + 1 / 3))).expand(len(offset), -1)
@@ -103,7 +103,7 @@ def _lens_points(radius: Tensor, extent: int) -> Tensor:
 
 
 def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
-    """Of spectra [C + 1, ...] times those of kernels [M, 1, ...], for a group of m parts."""
+    """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
     (spectrum, kernel), *others = terms
     total = spectrum * kernel[group]
     for spectrum, kernel in others:
@@ -112,12 +112,12 @@ def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
 
 
 def crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
-    """Inverse transform of [..., h, w // 2 + 1], computed only where it is wanted.
+    """Inverse transform of [..., h, w // 2 + 1], computed within a box alone.
 
     Args:
         spectrum: Half spectrum of a window.
-        window: (height, width).
-        box: What is wanted.
+        window: (height, width) of the transform.
+        box: The rectangle of the window to compute.
     """
     top, left, height, width = box
     rows = torch.fft.ifft(spectrum, dim=-2)[..., top : top + height, :]

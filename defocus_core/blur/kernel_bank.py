@@ -14,9 +14,9 @@ from torch import Tensor
 from defocus_core.blur.fourier import kernel_spectra, kernels, reach, transform_length
 from defocus_core.optics.aperture import Aperture, Part
 
-# Sizes of a transform: quarters of the largest.
+# Number of sizes of a window's transforms: quarters of the largest.
 _SIZES = 4
-# Slopes of a slice whose tilted kernels are kept.
+# Number of slopes of a slice whose tilted kernels are cached.
 _PLANES = 4
 
 
@@ -25,8 +25,8 @@ class Spread(NamedTuple):
 
     Attributes:
         halvings: How many times resolution is halved.
-        cells: Pixels of that resolution that its kernel spreads.
-        px: Pixels of the picture that light spreads at most.
+        cells: Reach of its kernel in pixels of that resolution.
+        px: Greatest reach of its light in pixels of the picture.
     """
 
     halvings: int
@@ -39,17 +39,17 @@ class Window:
     """The transform that the slices of a layer share.
 
     Attributes:
-        margin: Px around a tile that its slices reach at most; 0 if they are not blurred at all.
-        size: (height, width) of the greatest transform that there is.
-        halvings: How many times resolution is halved; margin and size are in px of the result.
-        slices: Their numbers.
-        radii: Of these in px, [k], float64.
+        margin: Greatest reach of the slices in px; 0 if they are not blurred at all.
+        size: (height, width) of the largest transform.
+        halvings: How many times resolution is halved; margin and size are in px of that resolution.
+        slices: Numbers of the slices.
+        radii: [k] radii of the slices in px, float64.
         aperture: The pupil.
-        parts: M parts of it.
-        like: Of the dtype and device of the spectra.
-        kernels: Of those that were asked for, from `kernels`, by number.
-        spectra: Of these, by number, size, and whether they lean.
-        planes: Of those tilted for planes, by number, size, and slope: the last few.
+        parts: M parts of the pupil.
+        like: A tensor of the dtype and device of the spectra.
+        kernels: Cached kernels, by number of the slice.
+        spectra: Cached spectra, by number of the slice, size, and whether they lean.
+        planes: Cached spectra of kernels tilted for planes, by number, size, and slope.
     """
 
     margin: int
@@ -65,28 +65,28 @@ class Window:
     planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]]
 
     def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
-        """Of the kernel of a slice: [M, 1, height, width // 2 + 1]."""
+        """The spectrum of a slice's kernel: [M, 1, height, width // 2 + 1]."""
         return self._cached(number, size, leaning=False)
 
     def leaning(self, number: int, size: tuple[int, int]) -> Tensor:
-        """The same times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
+        """The spectra of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
         return self._cached(number, size, leaning=True)
 
     def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
-        """The spectrum of a slice for a plane of some slope, x and y: [M, 1, ...]."""
-        held = self.planes.setdefault((number, size), {})
-        found = held.get(slope)
-        if found is None:
+        """The spectrum of a slice for a plane of a slope, x and y: [M, 1, ...]."""
+        cached = self.planes.setdefault((number, size), {})
+        spectrum = cached.get(slope)
+        if spectrum is None:
             kernel, x, y = self._kernels(number, leaning=True)
             kernel = kernel.add(x, alpha=slope[0]).add_(y, alpha=slope[1])
-            found = kernel_spectra(kernel, size).unsqueeze(-3)
-            if len(held) >= _PLANES:
-                held.clear()
-            held[slope] = found
-        return found
+            spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
+            if len(cached) >= _PLANES:
+                cached.clear()
+            cached[slope] = spectrum
+        return spectrum
 
     def fitting(self, least: Sequence[int]) -> tuple[int, int]:
-        """One of few sizes, of at least so many rows and columns, that are not more than needed."""
+        """The smallest of a few sizes that has at least the given rows and columns."""
         height, width = (
             min(
                 transform_length(-(-n * share // _SIZES))
@@ -100,19 +100,19 @@ class Window:
     def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
         key = (number, size, leaning)
         if key not in self.spectra:
-            some = self._kernels(number, leaning=leaning)
-            kernel = some[1:] if leaning else some[0]
+            versions = self._kernels(number, leaning=leaning)
+            kernel = versions[1:] if leaning else versions[0]
             self.spectra[key] = kernel_spectra(kernel, size).unsqueeze(-3)
         return self.spectra[key]
 
     def _kernels(self, number: int, *, leaning: bool) -> Tensor:
-        """One slice alone: what is computed together could decide about last digits."""
-        found = self.kernels.get(number)
-        if found is None or (leaning and len(found) == 1):
+        """The kernels of one slice, computed alone: a batch could change the last digits."""
+        cached = self.kernels.get(number)
+        if cached is None or (leaning and len(cached) == 1):
             radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
-            some = kernels(radius, self.margin, self.aperture, self.parts, leaning=leaning)
-            found = self.kernels[number] = some[0].to(self.like.real)
-        return found
+            computed = kernels(radius, self.margin, self.aperture, self.parts, leaning=leaning)
+            cached = self.kernels[number] = computed[0].to(self.like.real)
+        return cached
 
 
 def windows(
@@ -129,43 +129,53 @@ def windows(
     """The window of each slice, one for each layer.
 
     Args:
-        radii: Of the slices in px.
-        spreads: How they are blurred, alike for all of a layer.
-        layers: The number of the layer of each.
-        side: (height, width) of a tile in px: what is blurred at once at full resolution.
-        region: (height, width) of a region in px: what is at reduced resolution.
+        radii: Radii of the slices in px.
+        spreads: Spreads of the slices; slices of a layer have the same halvings.
+        layers: For each slice the number of its layer.
+        side: (height, width) in px of a tile, which is blurred at once at full resolution.
+        region: (height, width) in px of a region, which is blurred at once at reduced resolution.
         aperture: The pupil.
-        parts: M parts of it.
-        dtype: Of the pictures.
-        device: Of the pictures.
+        parts: M parts of the pupil.
+        dtype: Type of the pictures.
+        device: Device of the pictures.
     """
     sharing: dict[int, list[int]] = {}
     for k, number in enumerate(layers):
         sharing.setdefault(number, []).append(k)
     precision = torch.complex128 if dtype == torch.float64 else torch.complex64
     like = torch.empty(0, dtype=precision, device=device)
-    found: dict[int, Window] = {}
+    window_of: dict[int, Window] = {}
     for slices in sharing.values():
         extent, halvings = max(spreads[k].cells for k in slices), spreads[slices[0]].halvings
         extents = [(n >> halvings) + 5 for n in region] if halvings else side
         rows, columns = (transform_length(n + 2 * extent) for n in extents)
-        some = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
+        layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
         window = Window(
-            extent, (rows, columns), halvings, slices, some, aperture, parts, like, {}, {}, {}
+            extent,
+            (rows, columns),
+            halvings,
+            slices,
+            layer_radii,
+            aperture,
+            parts,
+            like,
+            {},
+            {},
+            {},
         )
-        found.update(dict.fromkeys(slices, window))
-    return [found[k] for k in range(len(radii))]
+        window_of.update(dict.fromkeys(slices, window))
+    return [window_of[k] for k in range(len(radii))]
 
 
 def alike(
     layers: list[int], sides: list[int], spreads: list[Spread], side: tuple[int, int]
 ) -> list[int]:
-    """Neighbouring layers whose transforms are as large made one, if their slices add up.
+    """Merge neighbouring layers of one side whose transforms have the same size.
 
     Args:
-        layers: The number of the layer of each slice.
-        sides: Those of different sides do not.
-        spreads: How they are blurred, alike for all of a layer.
+        layers: For each slice the number of its layer.
+        sides: For each slice its side; layers of different sides are not merged.
+        spreads: Spreads of the slices; slices of a layer have the same halvings.
         side: (height, width) of a tile in px.
     """
     widest: dict[int, int] = {}
@@ -187,19 +197,19 @@ def alike(
 def spreads_of(
     radii: tuple[float, ...], layers: list[int], full_resolution: float, limit: int
 ) -> list[Spread]:
-    """How slices are blurred: all of a layer at one resolution.
+    """The spread of each slice; slices of a layer are blurred at one resolution.
 
     Args:
-        radii: Of the slices in px.
-        layers: The number of the layer of each.
+        radii: Radii of the slices in px.
+        layers: For each slice the number of its layer.
         full_resolution: Radius in px from which on resolution is halved, and halved again at
             each doubling.
-        limit: Px that a slice spreads at most: as far as there is anything.
+        limit: Greatest reach in px, the size of the frame.
     """
     least: dict[int, float] = {}
     for radius, number in zip(radii, layers, strict=True):
         least[number] = min(least.get(number, math.inf), abs(radius))
-    found = []
+    spreads = []
     for radius, number in zip(radii, layers, strict=True):
         ratio = min(least[number], limit) / full_resolution
         halvings = math.floor(math.log2(ratio)) + 1 if ratio >= 1 else 0
@@ -207,5 +217,5 @@ def spreads_of(
         cells = reach(radius / step, -(-limit // step))
         # a pixel has shares in cells beside it, and is read from two cells on each side
         px = min(step * (cells + 3) - 1, limit) if halvings else cells
-        found.append(Spread(halvings, cells, px))
-    return found
+        spreads.append(Spread(halvings, cells, px))
+    return spreads

@@ -19,14 +19,14 @@ from defocus_core.layers.subpixel_shifts import NEAR
 
 
 class Piece(NamedTuple):
-    """What a tile sees of a layer at full resolution.
+    """A layer in a tile at full resolution.
 
     Attributes:
-        number: Of the layer.
-        window: Of its slices.
-        rungs: The first to the last of the surface that reach the tile.
-        patch: Where.
-        near: Whether it is near focus: parts see shifts of less than a pixel.
+        number: Number of the layer.
+        window: Window of its slices.
+        rungs: The range of the surface's rungs whose slices reach the tile.
+        patch: The rectangles where the layer lies and shows.
+        near: Whether the layer is near focus, so that parts see sub-pixel shifts.
     """
 
     number: int
@@ -42,7 +42,7 @@ class Shown(NamedTuple):
     Attributes:
         box: Counted from the corner of the tile.
         layer: [m, C + 1, h, w].
-        moved: [m, C, h, w] what shifts of less than a pixel add to its colours; None if nothing.
+        moved: [m, C, h, w], sub-pixel shifts to add to its colours; None for no shifts.
     """
 
     box: Box
@@ -54,10 +54,10 @@ class Sliced(NamedTuple):
     """A surface to be blurred.
 
     Attributes:
-        surface: It is.
+        surface: The surface.
         stride: Whether it uses every slice (1) or every other (2).
         layer_of: For each slice the number of its layer.
-        pieces: For each tile what is blurred at full resolution.
+        pieces: For each tile its layers at full resolution.
         reduced: Layers at reduced resolution, by number.
     """
 
@@ -79,15 +79,14 @@ class Blur:
         groups: list[slice],
         middle: tuple[Axis, Axis],
     ) -> None:
-        """Keep what all surfaces share.
+        """Keep the settings that all surfaces share.
 
         Args:
-            windows: Of the slices; those of a layer share one.
-            reaches: Px that each spreads.
+            windows: The window of each slice; slices of a layer share one.
+            reaches: Reach of each slice in px.
             grid: The tiles, counted from the first sample of a surface.
-            groups: Of the parts of the aperture: each is computed as if it were alone, to the
-                last bit.
-            middle: Of the frame, counted from the first sample of a surface.
+            groups: Groups of aperture parts; each is computed as if it were alone, to the last bit.
+            middle: The middle of the frame, counted from the first sample of a surface.
         """
         self._windows = windows
         self._reaches = reaches
@@ -96,15 +95,15 @@ class Blur:
         self._middle = middle
 
     def sliced(self, samples: Samples, stride: int, layer_of: list[int]) -> Sliced:
-        """A layer of the scene, prepared for its tiles."""
+        """Plan a surface for all tiles; blur its layers of reduced resolution."""
         whole = [w for w in self._windows if not w.halvings]
         before = max((w.margin for w in whole), default=0)
         beyond = max((n - w.margin for w in whole for n in w.size), default=0)
         numbers = layer_of[::stride]
         surface = Surface(samples, self._reaches[::stride], numbers, self._grid, before, beyond)
-        tilted = {rung for some in surface.tilted_plan for rung in some}
+        tilted = {rung for tile_list in surface.tilted_plan for rung in tile_list}
         rungs_of: dict[int, list[int]] = {}
-        for rung in sorted({rung for some in surface.plan for rung in some}):
+        for rung in sorted({rung for tile_list in surface.plan for rung in tile_list}):
             rungs_of.setdefault(numbers[rung], []).append(rung)
         pieces: list[list[Piece]] = [[] for _ in self._grid.tiles]
         reduced: dict[int, Reduced] = {}
@@ -125,10 +124,12 @@ class Blur:
                 )
                 continue
             near = float(window.radii.abs().amin()) < NEAR
-            for some, plan, patch in zip(pieces, surface.plan, patches[number], strict=True):
-                here = [rung for rung in plan if numbers[rung] == number]
-                if here and patch:
-                    some.append(Piece(number, window, range(here[0], here[-1] + 1), patch, near))
+            for tile_list, plan, patch in zip(pieces, surface.plan, patches[number], strict=True):
+                of_layer = [rung for rung in plan if numbers[rung] == number]
+                if of_layer and patch:
+                    tile_list.append(
+                        Piece(number, window, range(of_layer[0], of_layer[-1] + 1), patch, near)
+                    )
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
     def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, Shown]]:
@@ -136,33 +137,33 @@ class Blur:
 
         Args:
             sliced: The surface.
-            index: Of the tile.
+            index: Number of the tile.
 
         Returns:
-            For each group of m parts the layers by number; shifts go with those of the last.
+            For each group of m parts its layers by number; the last group has the shifts.
         """
         tile = self._grid.tiles[index]
         shown: list[dict[int, Shown]] = [{} for _ in self._groups]
         for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
-            if number in sliced.reduced and (found := sliced.reduced[number].over(tile)):
-                box = found[0].seen_from(tile)
-                for some, layer in zip(shown, found[1], strict=True):
-                    some[number] = Shown(box, layer, None)
+            if number in sliced.reduced and (reduced := sliced.reduced[number].over(tile)):
+                box = reduced[0].seen_from(tile)
+                for of_group, layer in zip(shown, reduced[1], strict=True):
+                    of_group[number] = Shown(box, layer, None)
         near = any(piece.near for piece in sliced.pieces[index])
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
-            made = self._blurred(sliced, piece, index) if piece.window.margin else None
+            blurred = self._blurred(sliced, piece, index) if piece.window.margin else None
             seen = piece.patch.seen
             box = seen.seen_from(tile)
-            layers = made or self._sharp(sliced, piece)
+            layers = blurred or self._sharp(sliced, piece)
             moved = None
             if shifts is not None and piece.near:
-                # what a part does not see is not moved in it
-                held = sliced.surface.shares(piece.rungs, seen)
-                held = torch.minimum(held, layers[-1][:, -1:].clamp(min=0))
-                moved = box.of(shifts) * held
-            for some, layer in zip(shown, layers, strict=True):
-                some[piece.number] = Shown(box, layer, moved if some is shown[-1] else None)
+                # a part gets shifts for the coverage that it sees, no more
+                share = sliced.surface.shares(piece.rungs, seen)
+                share = torch.minimum(share, layers[-1][:, -1:].clamp(min=0))
+                moved = box.of(shifts) * share
+            for of_group, layer in zip(shown, layers, strict=True):
+                of_group[piece.number] = Shown(box, layer, moved if of_group is shown[-1] else None)
         return shown
 
     def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
@@ -173,8 +174,8 @@ class Blur:
         pixels = surface.members(rungs, box, piece.patch.lit)
         spectra = torch.fft.rfft2(pixels).unbind(1)
         tilted = [rung for rung in rungs if rung in surface.tilted_plan[index]]
-        found = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
-        slopes = dict(zip(tilted, found, strict=True))
+        tilted_slopes = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
+        slopes = dict(zip(tilted, tilted_slopes, strict=True))
         leaning = [i for i, rung in enumerate(rungs) if rung in slopes and not slopes[rung]]
         terms: list[tuple[Tensor, Tensor]] = []
         for i, rung in enumerate(rungs):
@@ -190,7 +191,7 @@ class Blur:
         return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
 
     def _sharp(self, sliced: Sliced, piece: Piece) -> list[Tensor]:
-        """The same of slices that are not blurred."""
+        """A layer whose slices are not blurred, for each group of parts."""
         box = piece.patch.seen
         pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
         return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]

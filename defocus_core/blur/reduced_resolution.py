@@ -1,9 +1,9 @@
 """Slices of large radii blurred at reduced resolution, over a whole region at once.
 
-A disc many px wide makes pictures as smooth as its rim is long. Its slices are averaged to 1/2,
-1/4, ... of the resolution after each pixel has got its share in them, blurred there, and read by
-cubics in between (Keys 1981). Like everything that is halved, cells stand symmetrically about the
-middle of the frame.
+A disc many px wide blurs away fine detail. So slices of large radii are averaged to 1/2, 1/4, ...
+of the resolution, blurred there, and interpolated by cubics (Keys 1981). Each pixel gets its shares
+in slices before the averages. As in all halved pictures, cells lie symmetrically about the middle
+of the frame.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ class Reduced:
         """Blur the slices of a layer.
 
         Args:
-            surface: That they are of.
-            window: That they share.
-            slices: For each rung of the surface that reaches the core the number of its slice.
+            surface: The surface of the slices.
+            window: The window that the slices share.
+            slices: For each rung of the surface that reaches the core, the number of its slice.
             tilted: The rungs that have slopes.
-            groups: Of the parts of the aperture.
-            core: Where the layer is wanted, counted from the first sample of the surface.
-            middle: Of the frame, counted likewise.
+            groups: Groups of aperture parts.
+            core: The rectangle to blur, counted from the first sample of the surface.
+            middle: The middle of the frame, counted from the first sample, too.
         """
         self._middle, self._halvings = middle, window.halvings
         self._shares: dict[tuple[float, int], Shares] = {}
@@ -60,14 +60,14 @@ class Reduced:
             return
         size = window.fitting(patch.least)
         cells = Box(*patch.corner, *size)
-        # what follows after its end is left out: it would wrap around to what is wanted
+        # samples after the end of `lit` would wrap around into the core
         lit = Box.over(
             *(Span(a.first, b.end) for a, b in zip(cells.sides, patch.lit.sides, strict=True))
         )
         terms: list[tuple[Tensor, Tensor]] = []
         sloping = [rung for rung in slices if rung in tilted]
-        found = surface.planes(sloping, core.around(reach))
-        slopes = dict(zip(sloping, found, strict=True))
+        common_slopes = surface.planes(sloping, core.around(reach))
+        slopes = dict(zip(sloping, common_slopes, strict=True))
         for rung, k in slices.items():
             slope = slopes.get(rung)
             lean = rung in tilted and not slope
@@ -81,11 +81,11 @@ class Reduced:
         self._cells = patch.seen.sides
 
     def over(self, box: Box) -> tuple[Box, list[Tensor]] | None:
-        """The layer at full resolution within a rectangle, counted as the core.
+        """The layer at full resolution within a rectangle, counted from the first sample.
 
         Returns:
-            Where in the rectangle it is not 0, counted likewise, and for each group of m parts
-            [m, C + 1, h, w]; None if it is 0 all over.
+            The part of the rectangle where the layer is not 0, and the layer there for each group
+            of m parts, [m, C + 1, h, w]; None if it is 0 all over.
         """
         if self._cells is None:
             return None
@@ -104,11 +104,11 @@ class Reduced:
             self._between(d, shown[d], shown[d + 2], cells.first, self._groups[0])
             for d, cells in enumerate((down, across))
         )
-        some = Box.over(down, across).seen_from(Box.over(*self._cells))
-        return shown, [resampled(some.of(group), rows, columns) for group in self._groups]
+        crop = Box.over(down, across).seen_from(Box.over(*self._cells))
+        return shown, [resampled(crop.of(group), rows, columns) for group in self._groups]
 
     def _spans(self, box: Box) -> tuple[Span, Span]:
-        """The cells between which pixels lie; they have shares in no others."""
+        """The cells between which the pixels of a box lie: all that they have shares in."""
         down, across = (
             Span(
                 math.floor(self._place(d, box[d])),
@@ -119,26 +119,26 @@ class Reduced:
         return down, across
 
     def _read_by(self, box: Box) -> tuple[Span, Span]:
-        """The cells from which pixels are read: two on each side."""
+        """The cells that the pixels of a box are interpolated from: two on each side."""
         down, across = self._spans(box)
         return down.grown(1), across.grown(1)
 
     def _pixels(self, dim: int, cells: Span) -> Span:
-        """The pixels that are read from some cells."""
+        """The pixels that are interpolated from a span of cells."""
         axis, step = self._middle[dim], 1 << self._halvings
-        origin = self._place(dim, axis.middle)  # of the cell in which the middle is
+        origin = self._place(dim, axis.middle)  # place of the middle among cells
         around = (cells.first - 2, cells.end + 1)
         first, end = (axis.middle + math.ceil((cell - origin) * step) for cell in around)
         return Span(first, end)
 
     def _between(self, dim: int, start: int, length: int, cell: int, like: Tensor) -> Shares:
-        """The shares of cells, from one on, in pixels; most tiles have the same."""
+        """Shares of the cells from `cell` on in `length` pixels; cached: most tiles share them."""
         key = (self._place(dim, start) - cell, length)
         if key not in self._shares:
             self._shares[key] = cubic_shares(*key, 0.5**self._halvings, like)
         return self._shares[key]
 
     def _place(self, dim: int, pixel: int) -> float:
-        """Where a pixel lies among cells."""
+        """The place of a pixel among cells."""
         axis = self._middle[dim]
         return place_of(pixel, axis, axis._replace(middle=0), self._halvings)

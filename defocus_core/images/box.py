@@ -19,7 +19,7 @@ class Box(NamedTuple):
 
     @classmethod
     def over(cls, down: Span, across: Span) -> Box:
-        """The rectangle of some rows and columns."""
+        """The rectangle of a span of rows and a span of columns."""
         return cls(down.first, across.first, down.length, across.length)
 
     @property
@@ -33,18 +33,18 @@ class Box(NamedTuple):
         return self.height * self.width
 
     def grown(self, by: int, within: Box) -> Box:
-        """Larger by some px on all sides, cut to what there is."""
+        """Larger by `by` px on all sides, cut to the rectangle `within`."""
         top, left = max(self.top - by, within.top), max(self.left - by, within.left)
         below = min(self.top + self.height + by, within.top + within.height)
         beside = min(self.left + self.width + by, within.left + within.width)
         return Box(top, left, below - top, beside - left)
 
     def around(self, by: int) -> Box:
-        """Larger by some px on all sides, wherever that is."""
+        """Larger by `by` px on all sides, not cut."""
         return Box(self.top - by, self.left - by, self.height + 2 * by, self.width + 2 * by)
 
     def shrunk(self, by: int) -> Box:
-        """Smaller by some px on all sides; its size may become negative."""
+        """Smaller by `by` px on all sides; its size may become negative."""
         return self.around(-by)
 
     def seen_from(self, other: Box) -> Box:
@@ -52,38 +52,36 @@ class Box(NamedTuple):
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
 
     def of(self, picture: Pixels) -> Tensor:
-        """What it holds of a picture [..., H, W]."""
+        """The window of a picture [..., H, W] in this rectangle."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
 
 class Span(NamedTuple):
-    """Samples from the first to before the end, counted from anywhere."""
+    """Samples from `first` to before `end` along an axis."""
 
     first: int
     end: int
 
     @property
     def length(self) -> int:
-        """How many; not positive if there are none."""
+        """The number of samples; not positive if there are none."""
         return self.end - self.first
 
     def within(self, other: Span) -> Span:
-        """Those that are in another span, too."""
+        """The samples that are in another span, too."""
         return Span(max(self.first, other.first), min(self.end, other.end))
 
     def grown(self, by: int) -> Span:
-        """Longer by some samples at both ends."""
+        """Longer by `by` samples at both ends."""
         return Span(self.first - by, self.end + by)
 
 
 def least_transform(lit: Span, seen: Span, margin: int) -> int:
-    """The least length of a circular transform that blurs some samples.
-
-    What wraps around falls outside of what is wanted.
+    """The least length of a circular transform that wraps around outside of the wanted samples.
 
     Args:
         lit: Samples that are not 0.
-        seen: Those that are wanted, none farther than the margin from the others.
-        margin: Samples that kernels spread to each side.
+        seen: Samples that are wanted, none farther than the margin from `lit`.
+        margin: Reach of the kernel in samples.
     """
     return max(seen.end - lit.first, lit.end - seen.first) + margin

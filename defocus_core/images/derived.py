@@ -13,7 +13,7 @@ from defocus_core.images.box import Box
 from defocus_core.images.source import Pixels, bands
 from defocus_core.runtime.threads import threaded
 
-# Pixels that are kept in memory of what is made of a picture that is not.
+# A derived picture of at most this many pixels is kept in memory, even if its source is not.
 _HELD = 1 << 22
 
 Cut = slice | EllipsisType
@@ -23,9 +23,9 @@ class Derived(ABC):
     """A `Source` [..., H, W] whose windows are made when they are cut.
 
     Attributes:
-        shape: Of the whole.
-        dtype: Of the numbers.
-        device: Where windows come to lie.
+        shape: Shape of the whole picture.
+        dtype: Type of its numbers.
+        device: Device of its windows.
     """
 
     shape: tuple[int, ...]
@@ -34,7 +34,7 @@ class Derived(ABC):
 
     @abstractmethod
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """Those from the first to before the end."""
+        """The window [rows, columns], each from the first to before the end."""
 
     def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
         """What slices of rows, or of rows and columns, cut; with steps, band by band."""
@@ -90,9 +90,15 @@ class Repaired(Derived):
 
         Args:
             signed_radius: [H, W] px.
+        <<<<<<< HEAD
             repair: Makes a window of what is given of it.
             around: Px around a pixel that decide its repair.
             others: Further pictures [..., H, W] of the frame that the repair needs.
+        =======
+            mend: What changes them.
+            around: Px around a pixel that its new radius depends on.
+            others: What else of the frame, [..., H, W], is given to that.
+        >>>>>>> w/wordscore
         """
         self._given, self._repair, self._around = (signed_radius, *others), repair, around
         self.shape = tuple(signed_radius.shape)
@@ -100,7 +106,7 @@ class Repaired(Derived):
         self.device = signed_radius.device
 
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """Those from the first to before the end."""
+        """The window [rows, columns], each from the first to before the end."""
         (top, below), (left, beside) = rows, columns
         box = Box(top, left, below - top, beside - left)
         around = box.grown(self._around, Box(0, 0, *self.shape[-2:]))

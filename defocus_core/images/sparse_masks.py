@@ -8,12 +8,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-# Pixels of a mask that are looked at as one word.
+# Number of pixels of a mask that are read as one word.
 _WORD = 8
 
 
 def exceeding(values: Tensor, bound: float) -> Tensor:
-    """Where values [...] exceed a bound: bool. None is NaN, nor infinite where the bound is."""
+    """Where values [...] exceed a bound: bool. No value is NaN, nor infinite if the bound is."""
     return (values.detach() - bound).clamp_(min=0).bool()
 
 
@@ -32,7 +32,7 @@ def numbers_of(mask: Tensor) -> Tensor:
 
 
 def places_of(mask: Tensor) -> Tensor:
-    """The rows and columns [n, 2] of the same, of a mask [H, W]."""
+    """The rows and columns [n, 2] of the pixels where a mask [H, W] holds."""
     number = numbers_of(mask)
     row = number.div(mask.shape[1], rounding_mode="floor")
     return torch.stack([row, number - row * mask.shape[1]], 1)

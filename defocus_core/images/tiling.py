@@ -10,16 +10,14 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import NamedTuple
 
-from defocus_core.images.box import (
-    Box,
-)
+from defocus_core.images.box import Box
 
 TILE = 192
-# Px on a side of the blocks in which the presence of slices is recorded.
+# Width in px of the blocks in which the presence of slices is recorded.
 BLOCK = 16
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
 _REGION = 960
-# Margins of light from outside may enlarge a region by so much on each side, as a share of it.
+# Greatest margin of a region, in which light from outside is read, as a share of its width.
 _MARGIN = 0.15
 
 
@@ -44,7 +42,7 @@ class Grid(NamedTuple):
         return Box(first.top, first.left, height, width)
 
     def within(self, box: Box) -> Grid | None:
-        """Its tiles, cut to a rectangle; None if nothing is left."""
+        """The tiles, cut to a rectangle; None if no tile is in it."""
         cut = [tile.grown(0, box) for tile in self.tiles]
         left = [tile for tile in cut if min(tile[2:]) > 0]
         return (
