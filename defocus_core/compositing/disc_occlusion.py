@@ -1,15 +1,9 @@
 """Occlusion of a highlight's disc by the surfaces before it.
 
 Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
-<<<<<<< HEAD
 radius r_k in front of it at q + u (r_q - r_k). Squares of a disc that no nearer slice is in front
 of are skipped. A small disc has too few pixels to sample u: it is dimmed evenly, by the mean over
 the lens.
-=======
-radius r_k in front of it at q + u (r_q - r_k). Squares of a disc that
-no nearer slice is in front of are skipped. A small disc has too few pixels to sample u, so it is
-dimmed evenly, by the mean over the lens.
->>>>>>> w/wordscore
 """
 
 from __future__ import annotations

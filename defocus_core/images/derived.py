@@ -90,15 +90,9 @@ class Repaired(Derived):
 
         Args:
             signed_radius: [H, W] px.
-        <<<<<<< HEAD
             repair: Makes a window of what is given of it.
             around: Px around a pixel that decide its repair.
             others: Further pictures [..., H, W] of the frame that the repair needs.
-        =======
-            mend: What changes them.
-            around: Px around a pixel that its new radius depends on.
-            others: What else of the frame, [..., H, W], is given to that.
-        >>>>>>> w/wordscore
         """
         self._given, self._repair, self._around = (signed_radius, *others), repair, around
         self.shape = tuple(signed_radius.shape)
