@@ -13,10 +13,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.images.neighbourhoods import ends_of
-from defocus_core.images.sparse_masks import numbers_of
 
-# Differences in px that are less and less of the same surface.
-_STEP = (1.013, 3.0)
 # Slopes in px per px that may be a plain mean.
 _SMALL = 0.05
 # Px to each side of a pixel, and the share of those that must be steep.
@@ -29,8 +26,8 @@ AROUND = _AROUND + 1
 def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     """∇r in px per px, x then y: [2, H, W] of radii [H, W]; at most 1 long.
 
-    At an edge of depth it is the slope of the pixel's own surface. Beyond a length of 1 some lens
-    points see its back.
+    At an edge of depth it is the slope of the pixel's own surface, to 0.01. Beyond a length of 1
+    some lens points see its back.
 
     Args:
         signed_radius: [H, W] px.
@@ -51,41 +48,11 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
         steep &= _many_around(steep)
         if not bool(steep.any()):
             return None
-    x, y = (_without_edges(of, signed_radius, dim, steep) for of, dim in ((x, -1), (y, -2)))
     if highest > 1:
         short = square.clamp(min=1).rsqrt()
         x, y = x * short, y * short
     gradient = torch.stack([x, y])
     return gradient * steep.to(gradient.dtype) if some else gradient
-
-
-def _without_edges(found: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
-    """Differences [H, W] along an axis; where a neighbour is beyond an edge the other counts alone.
-
-    So a plane has the same slope all over.
-    """
-    n, step = r.shape[dim], r.diff(dim=dim).detach()
-    if not step.numel() or float(ends_of(step).abs().amax()) <= _STEP[0]:
-        return found
-    step, beside = step.abs() > _STEP[0], torch.zeros_like(steep)
-    for k in (0, 1):
-        beside.narrow(dim, k, n - 1).logical_or_(step)
-    at = numbers_of(beside & steep)
-    if not len(at):
-        return found
-    values, stride = r.flatten(), 1 if dim == -1 else r.shape[1]
-    place = at.div(stride, rounding_mode="floor") % n
-    here, before, after = (
-        values.index_select(0, at + stride * shift)
-        for shift in (0, -(place > 0).long(), (place < n - 1).long())
-    )
-    a, b = here - before, after - here
-    a, b = torch.where(place > 0, a, b), torch.where(place < n - 1, b, a)
-    least, most = _STEP
-    edge_a, edge_b = (((x.abs() - least) / (most - least)).clamp(0, 1) for x in (a, b))
-    a, b = torch.lerp(a, b, edge_a), torch.lerp(b, a, edge_b)
-    own = _mean((a, b), (_weights(a), _weights(b)))
-    return found.flatten().index_copy(0, at, own).view(found.shape)
 
 
 def _many_around(mask: Tensor) -> Tensor:
