@@ -13,11 +13,14 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.images.neighbourhoods import ends_of
-from defocus_core.images.sparse_masks import numbers_of
 
+<<<<<<< HEAD
 # Differences in px up to which neighbours are of one surface, and from which they are of two.
 _STEP = (1.013, 3.0)
 # Slopes in px per px, below which the limiter is nearly a plain mean.
+=======
+# Slopes in px per px that may be a plain mean.
+>>>>>>> w/ablate3
 _SMALL = 0.05
 # Half width in px of the square around a pixel, and the share of it that must be steep.
 _AROUND = 5
@@ -29,8 +32,8 @@ AROUND = _AROUND + 1
 def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     """∇r in px per px, x then y: [2, H, W] of radii [H, W]; at most 1 long.
 
-    At an edge of depth it is the slope of the pixel's own surface. Beyond a length of 1 some lens
-    points see its back.
+    At an edge of depth it is the slope of the pixel's own surface, to 0.01. Beyond a length of 1
+    some lens points see its back.
 
     Args:
         signed_radius: [H, W] px.
@@ -51,7 +54,6 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
         steep &= _many_around(steep)
         if not bool(steep.any()):
             return None
-    x, y = (_without_edges(of, signed_radius, dim, steep) for of, dim in ((x, -1), (y, -2)))
     if highest > 1:
         short = square.clamp(min=1).rsqrt()
         x, y = x * short, y * short
@@ -59,6 +61,7 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     return gradient * steep.to(gradient.dtype) if some_flat else gradient
 
 
+<<<<<<< HEAD
 def _without_edges(slopes: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
     """Slopes [H, W] along an axis; beside an edge, the difference to the other neighbour alone.
 
@@ -88,6 +91,8 @@ def _without_edges(slopes: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor
     return slopes.flatten().index_copy(0, index, own).view(slopes.shape)
 
 
+=======
+>>>>>>> w/ablate3
 def _many_around(mask: Tensor) -> Tensor:
     """Where enough of the square around each pixel, cut to the frame, is in a mask [H, W]."""
     size = 2 * _AROUND + 1
