@@ -1,4 +1,4 @@
-"""Diagnosis of a depth map: anti-aliased, soft or ramped edges, and quantised levels."""
+"""Diagnosis of a depth map: noise, anti-aliased, soft or ramped edges, quantised levels."""
 
 from __future__ import annotations
 

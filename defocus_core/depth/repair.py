@@ -51,11 +51,11 @@ def repaired(
     hold_all = partial(held, threads=threads, hold=hold)
     radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
     if repair.antialiased is not None:
-        mend = partial(without_averages, infinity=repair.antialiased)
-        radii = hold_all(Repaired(radii, mend, AROUND_AVERAGES), radii)
+        repair_window = partial(without_averages, infinity=repair.antialiased)
+        radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
     elif repair.soft_edges is not None:
-        mend = partial(with_hard_edges, steep=repair.soft_edges)
-        radii = hold_all(Repaired(radii, mend, AROUND_SOFT_EDGES, pixels), radii, pixels)
+        repair_window = partial(with_hard_edges, steep=repair.soft_edges)
+        radii = hold_all(Repaired(radii, repair_window, AROUND_SOFT_EDGES, pixels), radii, pixels)
     elif repair.ramps:
         radii = hold_all(Repaired(radii, without_ramps, AROUND_RAMPS), radii)
     if repair.quantised:

@@ -83,7 +83,7 @@ def test_the_last_bits_of_levels_make_no_other_picture(seed: int, quality: str) 
 
 @pytest.mark.parametrize("kind", [averaged, in_half_precision, terraces])
 @pytest.mark.parametrize("seed", range(6))
-def test_nor_do_those_of_depth_that_is_mended(
+def test_nor_do_those_of_depth_that_is_repaired(
     seed: int, kind: Callable[[int], tuple[Tensor, Tensor]]
 ) -> None:
     image, radius = kind(seed)
