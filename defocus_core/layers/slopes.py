@@ -14,13 +14,7 @@ from torch.nn.functional import pad
 
 from defocus_core.images.neighbourhoods import ends_of
 
-<<<<<<< HEAD
-# Differences in px up to which neighbours are of one surface, and from which they are of two.
-_STEP = (1.013, 3.0)
 # Slopes in px per px, below which the limiter is nearly a plain mean.
-=======
-# Slopes in px per px that may be a plain mean.
->>>>>>> w/ablate3
 _SMALL = 0.05
 # Half width in px of the square around a pixel, and the share of it that must be steep.
 _AROUND = 5
@@ -61,38 +55,6 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
     return gradient * steep.to(gradient.dtype) if some_flat else gradient
 
 
-<<<<<<< HEAD
-def _without_edges(slopes: Tensor, r: Tensor, dim: int, steep: Tensor) -> Tensor:
-    """Slopes [H, W] along an axis; beside an edge, the difference to the other neighbour alone.
-
-    So a plane has the same slope up to its edge.
-    """
-    n, step = r.shape[dim], r.diff(dim=dim).detach()
-    if not step.numel() or float(ends_of(step).abs().amax()) <= _STEP[0]:
-        return slopes
-    step, beside = step.abs() > _STEP[0], torch.zeros_like(steep)
-    for k in (0, 1):
-        beside.narrow(dim, k, n - 1).logical_or_(step)
-    index = numbers_of(beside & steep)
-    if not len(index):
-        return slopes
-    values, stride = r.flatten(), 1 if dim == -1 else r.shape[1]
-    place = index.div(stride, rounding_mode="floor") % n
-    here, before, after = (
-        values.index_select(0, index + stride * shift)
-        for shift in (0, -(place > 0).long(), (place < n - 1).long())
-    )
-    a, b = here - before, after - here
-    a, b = torch.where(place > 0, a, b), torch.where(place < n - 1, b, a)
-    least, most = _STEP
-    edge_a, edge_b = (((x.abs() - least) / (most - least)).clamp(0, 1) for x in (a, b))
-    a, b = torch.lerp(a, b, edge_a), torch.lerp(b, a, edge_b)
-    own = _mean((a, b), (_weights(a), _weights(b)))
-    return slopes.flatten().index_copy(0, index, own).view(slopes.shape)
-
-
-=======
->>>>>>> w/ablate3
 def _many_around(mask: Tensor) -> Tensor:
     """Where enough of the square around each pixel, cut to the frame, is in a mask [H, W]."""
     size = 2 * _AROUND + 1
