@@ -53,6 +53,8 @@ def read_head(path: Path, count: int = 16) -> bytes:
     except FileNotFoundError as error:
         raise missing(path) from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
+        if isinstance(error, OSError) and error.errno == errno.ELOOP:
+            raise missing(path) from error
         remedy = "check its permissions"
         raise InputError(path, f"cannot be opened: {reason(error)}", remedy) from error
     if not head:
