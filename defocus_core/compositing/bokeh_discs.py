@@ -70,7 +70,7 @@ def draw(
         box: The rectangle of the frame to draw.
     """
     most = max(*places.shape, box.top + box.height, box.left + box.width)
-    canvas = _Canvas(len(parts), highlights.excess, box)
+    canvas = _Canvas(len(parts), highlights.light, box)
     obstruction = Obstruction(signed_radius.detach(), places.detach(), radii)
     for alike in _alike(highlights, most, box):
         squares = Squares.of(alike.extent)
@@ -94,8 +94,8 @@ def draw(
                     light, row, column, share = (x.index_select(0, here) for x in stopped)
                     values = one[which[here], row, column] * share
                     corner = at[light] + squares.corners(row, column)
-                    canvas.take(m, corner, values, some.highlights.excess[light])
-    return canvas.summed(highlights.excess.dtype)
+                    canvas.take(m, corner, values, some.highlights.light[light])
+    return canvas.summed(highlights.light.dtype)
 
 
 def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:

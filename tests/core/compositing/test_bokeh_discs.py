@@ -26,8 +26,8 @@ def surfaces(background: float) -> Tensor:
 
 
 def lights(radii: Tensor, *, at: list[tuple[int, int]]) -> Highlights:
-    excess = torch.tensor([[3.0, 1e6, -0.1]], dtype=radii.dtype)
-    return Highlights(torch.tensor(at), excess * torch.arange(1, len(at) + 1)[:, None], radii)
+    light = torch.tensor([[3.0, 1e6, -0.1]], dtype=radii.dtype)
+    return Highlights(torch.tensor(at), light * torch.arange(1, len(at) + 1)[:, None], radii)
 
 
 def pixel_by_pixel(
@@ -39,8 +39,8 @@ def pixel_by_pixel(
     """
     picture = torch.zeros(3, H, W, dtype=torch.float64)
     scene = (signed_radius.tolist(), position(signed_radius, RADII).tolist())
-    for (row, column), excess, r in zip(
-        some.at.tolist(), some.excess, some.signed_radius.tolist(), strict=True
+    for (row, column), light, r in zip(
+        some.at.tolist(), some.light, some.signed_radius.tolist(), strict=True
     ):
         extent = math.ceil(abs(r))
         disc = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, part)
@@ -59,7 +59,7 @@ def pixel_by_pixel(
                 scale = [px / r for px in spread] if r else spread
                 u = (dy, dx)
                 free = mean if small else come_through(at, limit, u, scale, scene)
-                picture[:, y, x] += disc[dy + extent, dx + extent] * free * excess
+                picture[:, y, x] += disc[dy + extent, dx + extent] * free * light
     return picture
 
 
@@ -136,10 +136,10 @@ def test_discs_have_the_gradient_of_the_kernel() -> None:
     scene = surfaces(26.0)
     weights = torch.rand(1, 3, H, W, generator=torch.Generator().manual_seed(0)).double()
 
-    def total(radii: Tensor, excess: Tensor) -> Tensor:
-        some = Highlights(torch.tensor(AT[:3]), excess, radii)
+    def total(radii: Tensor, light: Tensor) -> Tensor:
+        some = Highlights(torch.tensor(AT[:3]), light, radii)
         return (drawn(some, scene, Aperture(), [FULL]) * weights).sum()
 
     radii = torch.tensor([21.31, 9.17, 3.23], dtype=torch.float64, requires_grad=True)
-    excess = torch.rand(3, 3, generator=torch.Generator().manual_seed(1)).double()
-    assert torch.autograd.gradcheck(total, (radii, excess.requires_grad_()))
+    light = torch.rand(3, 3, generator=torch.Generator().manual_seed(1)).double()
+    assert torch.autograd.gradcheck(total, (radii, light.requires_grad_()))
