@@ -100,9 +100,9 @@ def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out)
     lines = (out / "journal.jsonl").read_text().split("\n")
-    (out / "journal.jsonl").write_text("\n".join([*lines[:2], lines[2][:-5], *lines[3:]]))
-    refused(run("batch", path, "-o", out), 3, "line 3, of a_focus2m, is broken; remove", "outputs")
-    (out / "journal.jsonl").write_text("\n".join([*lines[:2], *lines[3:]]))
+    (out / "journal.jsonl").write_text("\n".join([lines[0], lines[1][:-5], *lines[2:]]))
+    refused(run("batch", path, "-o", out), 3, "line 2, of a_focus2m, is broken; remove", "outputs")
+    (out / "journal.jsonl").write_text("\n".join([lines[0], *lines[2:]]))
     refused(run("batch", path, "-o", out), 3, "a_focus2m.exr", "move it away")
     (out / "coc" / "a_focus2m.exr").unlink()
     assert "1 done, 3 done before" in run("batch", path, "-o", out).err

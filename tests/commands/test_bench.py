@@ -77,7 +77,7 @@ def test_less_can_be_asked_for(tiny: Path) -> None:
     ("args", "code", "words"),
     [
         (("--truth", "nowhere"), 3, ("nowhere", "is no directory", "camera.json")),
-        (("--quality", "best"), 2, ("--quality", "'best'", "draft, standard, high")),
+        (("--quality", "best"), 2, ("--quality", "'best'", "draft,standard,high")),
         (("--plot", "plot.exe"), 2, ("--plot", "plot.exe", ".png")),
     ],
 )
