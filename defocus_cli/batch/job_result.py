@@ -57,7 +57,7 @@ class Reader:
 
     def read(self, job: Job) -> Ready:
         """Decode the inputs of a job."""
-        key = (job.picture, job.reading, job.outputs.need_rendering)
+        key = (job.picture, job.reading, job.lens_focal, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
             return replace(self._last[1], job=job, seconds=0.0)
         self._last = None  # let go of a picture before there is another

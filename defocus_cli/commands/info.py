@@ -9,6 +9,7 @@ import click
 from defocus_cli.jobs.job import Lens, Reading
 from defocus_cli.options import shared
 from defocus_cli.options.lens import lens_options
+from defocus_cli.options.reading import reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import inspection_report
 from defocus_cli.reports.inspection import inspect
@@ -23,7 +24,7 @@ from defocus_cli.system.errors import UserError
 )
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @lens_options(required=False)
-@shared.reading_options
+@reading_options
 @shared.json_option
 def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_json: bool) -> None:
     """Say what is in colour and depth files, as 'defocus render' would read them.

@@ -111,7 +111,7 @@ def choose_depth(
         InputError: the channel or part is not there, or several channels could be the depth.
     """
     searched = _flat(path, _of_part(path, headers, part))
-    every = [DepthChannel(header, c.name) for header in searched for c in header.channels]
+    every = channels_of(path, headers, part)
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
@@ -126,6 +126,16 @@ def choose_depth(
         remedy = "if one of them is the depth, say --depth-channel NAME"
         raise NoDepthChannel(path, problem, remedy)
     return _only(path, candidates, "depth channel", "--depth-channel")
+
+
+def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[DepthChannel]:
+    """All channels of a file, or of one of its parts, in the order of the file.
+
+    Raises:
+        InputError: the part is not there, or all is deep.
+    """
+    searched = _flat(path, _of_part(path, headers, part))
+    return [DepthChannel(header, c.name) for header in searched for c in header.channels]
 
 
 def require_part(path: Path, part: int, count: int) -> None:

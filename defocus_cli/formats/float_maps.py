@@ -41,7 +41,7 @@ def is_float_map(head: bytes) -> bool:
 
 
 def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
-    """Map a PFM or NPY file into memory.
+    """Map a PFM or NPY file of one map into memory.
 
     Args:
         path: the file.
@@ -50,12 +50,31 @@ def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
     Raises:
         InputError: damaged, or not a single map of floats.
     """
-    if read_head(path).startswith(b"\x93NUMPY"):
-        return FloatMap(_npy(path, "fiu" if integers else "f"), "NPY")
-    return FloatMap(_pfm(path), "PFM")
+    if not read_head(path).startswith(b"\x93NUMPY"):
+        return FloatMap(_pfm(path), "PFM")
+    values = read_npy(path, integers=integers)
+    while values.ndim > 2 and values.shape[0] == 1:
+        values = values[0]
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    if values.ndim != 2:
+        shape = " × ".join(str(n) for n in values.shape) or "no"
+        problem = f"has {shape} numbers, not height × width"
+        raise InputError(path, problem, "save one map a file")
+    check_size(path, values.shape[1], values.shape[0], values.itemsize)
+    return FloatMap(values, "NPY")
 
 
-def _npy(path: Path, kinds: str) -> NDArray[Any]:
+def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
+    """Map an NPY file of any number of axes into memory.
+
+    Args:
+        path: the file.
+        integers: whether integers will do, since their unit is known.
+
+    Raises:
+        InputError: damaged, without numbers, or of too many.
+    """
     import numpy as np
 
     try:
@@ -67,15 +86,11 @@ def _npy(path: Path, kinds: str) -> NDArray[Any]:
             raise InputError(path, problem, remedy) from error
         problem = f"is a truncated or damaged NPY file ({reason(error)})"
         raise InputError(path, problem, _AGAIN) from error
-    if values.dtype.kind not in kinds:
+    if values.dtype.kind not in ("fiu" if integers else "f"):
         problem = f"holds {values.dtype} numbers, whose unit is unknown"
-        integers = values.dtype.kind in "iu"
-        raise InputError(path, problem, "say --depth-unit mm" if integers else "save floats")
-    while values.ndim > 2 and values.shape[0] == 1:
-        values = values[0]
-    if values.ndim == 3 and values.shape[2] == 1:
-        values = values[:, :, 0]
-    if values.ndim != 2 or values.size == 0:
+        whole = values.dtype.kind in "iu"
+        raise InputError(path, problem, "say --depth-unit mm" if whole else "save floats")
+    if values.size == 0 or values.ndim < 2:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
         raise InputError(path, problem, "save one map a file")

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import Draw
@@ -65,14 +66,11 @@ class Lens:
     focus_source: str = field(default="", compare=False)
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What to take from the input files."""
+@dataclass(frozen=True, kw_only=True)
+class Reading(DepthReading):
+    """What to take from the input files, and how to read it."""
 
-    depth_unit: str | None = None  # None: what the file type implies
-    depth_channel: str | None = None
     color_layer: str | None = None
-    part: int | None = None
 
 
 @dataclass(frozen=True)
@@ -131,6 +129,11 @@ class Job:
     outputs: Outputs
     machine: Machine
     suffix: str = ""  # what tells this lens from the others that take the same picture
+
+    @property
+    def lens_focal(self) -> float | None:
+        """Focal length in widths of the sensor, where the depth cannot be read without it."""
+        return self.lens.foclen / self.lens.sensor_width if self.reading.needs_lens else None
 
     @property
     def sample_id(self) -> str:

@@ -26,6 +26,7 @@ from defocus_cli.jobs.lens_options import (
     refuse_unknown,
     text_of,
 )
+from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_cli.jobs.toml_file import read_toml
 from defocus_cli.system.errors import UsageProblem
 
@@ -83,7 +84,7 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
 
 
 def read_lens_file(file: Path) -> dict[str, Any]:
-    """Option names and parsed values of a lens file.
+    """Names and parsed values of the lens options of a lens file, which may have reading options.
 
     Raises:
         InputError: the file cannot be read as TOML.
@@ -91,7 +92,8 @@ def read_lens_file(file: Path) -> dict[str, Any]:
     """
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
-    values = {name: _parsed(name, value, file) for name, value in stored.items()}
+    own = {name: value for name, value in stored.items() if name not in NAMES_OF_OPTIONS}
+    values = {name: _parsed(name, value, file) for name, value in own.items()}
     refuse_both(values, f"{file}: ")
     return values
 

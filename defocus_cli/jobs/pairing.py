@@ -13,7 +13,12 @@ from defocus_cli.system.safe_files import missing
 COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 
 
-DEPTH_SUFFIXES = frozenset({".exr", ".pfm", ".npy", ".png", ".tif", ".tiff"})
+DEPTH_SUFFIXES = frozenset(
+    {
+        *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".dpt"),
+        *(".bin", ".h5", ".hdf5", ".dsp5", ".mat", ".heic", ".heif"),
+    }
+)
 
 
 SCENE_SUFFIXES = frozenset({".exr"})

@@ -18,8 +18,8 @@ from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
+    from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
-    from defocus_cli.formats.depth import Depth
 
 
 def load_inputs(job: Job) -> Loaded:
@@ -33,10 +33,10 @@ def load_inputs(job: Job) -> Loaded:
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
-    color, depth = read(picture, job.reading, held.keeping)
+    color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
     if picture.hidden is None or not job.outputs.need_rendering:
         return Loaded(held, color, depth)
-    behind, behind_depth = read(picture.hidden, job.reading, held.keeping)
+    behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
     if behind.shape != color.shape:
         told, wanted = (
             f"{width}x{height} px of {channels} channels"
@@ -150,19 +150,26 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     return reading.part if color > 1 else None, reading.part if depth > 1 else None
 
 
-def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tuple[Color, Depth]:
+def read(
+    picture: Picture,
+    reading: Reading,
+    keeping: Keeping = IN_MEMORY,
+    lens_focal: float | None = None,
+) -> tuple[Color, Depth]:
     """Colour and depth of one size, all of whose pixels can be rendered.
 
     Args:
         picture: where they are.
         reading: what to take from the files.
         keeping: where they are to be kept.
+        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
 
     Raises:
         InputError: a file cannot be used.
+        UsageProblem: the options make no sense for it.
     """
+    from defocus_cli.depth_formats.depth import read_depth, require_valid, resized
     from defocus_cli.formats.color import read_color, require_finite
-    from defocus_cli.formats.depth import read_depth, require_valid
 
     shared = picture.color == picture.depth
     color_part, depth_part = parts_of(picture, reading)
@@ -172,23 +179,22 @@ def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tu
         part=color_part,
         keeping=keeping,
     )
+    (height, width), deeper = color.shape[:2], dataclasses.replace(reading, part=depth_part)
     depth = read_depth(
-        picture.depth,
-        channel=reading.depth_channel,
-        part=depth_part,
-        unit=reading.depth_unit,
-        keeping=keeping,
+        picture.depth, deeper, keeping=keeping, size=(width, height), lens_focal=lens_focal
     )
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(picture.color, problem, "give the depth file as a second argument")
-    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
+    rows, columns = depth.metres.shape
     if (height, width) != (rows, columns):
-        raise InputError(
-            picture.depth,
-            f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
-            "give depth of the size of the colour",
-        )
+        if reading.resize_depth is None:
+            raise InputError(
+                picture.depth,
+                f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
+                "give depth of the size of the colour, or say --resize-depth nearest",
+            )
+        depth = resized(depth, (width, height), keeping)
     require_valid(depth)
     require_finite(color)
     return color, depth

@@ -11,8 +11,8 @@ from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:
+    from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
-    from defocus_cli.formats.depth import Depth
     from defocus_core import DepthRepair
 
 

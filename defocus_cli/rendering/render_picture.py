@@ -104,6 +104,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = Windows(loaded.color.planes, device)
+    infinity = None if loaded.depth.is_radius else radius_at_infinity(lens, outcome.size)
     return Stream(
         image,
         Windows([radius], device, lone=True),
@@ -113,7 +114,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
         hidden=None if loaded.behind is None else _behind(loaded, outcome),
         threads=job.machine.threads,
         tile=tile or job.machine.tile,
-        infinity=radius_at_infinity(lens, outcome.size),
+        infinity=infinity,
         depth_repair=job.machine.depth_repair,
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )

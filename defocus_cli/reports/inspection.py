@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_cli.formats.depth import Depth
+    from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.describe import FileInfo
 
 
@@ -77,8 +77,8 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
         InputError: the file cannot be read, or does not have what ``reading`` names.
         UsageProblem: the options make no sense for this file.
     """
+    from defocus_cli.depth_formats.depth import read_depth
     from defocus_cli.formats.color import read_color
-    from defocus_cli.formats.depth import read_depth
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
 
@@ -92,8 +92,8 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
         read = read_color(path, layer=reading.color_layer, part=reading.part)
         color = ColorFound(read.note, read.channels, _nonfinite(read.pixels))
     if not depth_note:
-        channel, unit = reading.depth_channel, reading.depth_unit
-        depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)
+        lens_focal = None if lens is None else lens.foclen / lens.sensor_width
+        depth = _summary(read_depth(path, reading, lens_focal=lens_focal), lens)
     return Inspection(info, color, color_note, depth, depth_note, _maps(info))
 
 

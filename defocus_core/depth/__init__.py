@@ -1,1 +1,1 @@
-"""Repair of depth maps: noise, anti-aliased and soft edges, quantised levels."""
+"""Depth maps: conversion to planar depth; repair of noise, edges and quantised levels."""

@@ -12,7 +12,7 @@ from command_line import pair, refused, render, run
 import defocus_core
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
-from defocus_cli.formats.depth_conventions import CONVENTIONS
+from defocus_cli.depth_formats.table import UNITS
 from defocus_cli.jobs import job
 from defocus_cli.jobs.lens_options import PARSERS
 from defocus_cli.options import shared
@@ -49,7 +49,7 @@ def test_help_shows_options_under_their_headings() -> None:
         ("--format", "gif", "'exr', 'png', 'png16', 'tiff', 'jpg'"),
         ("--exr-type", "double", "'half', 'float'"),
         ("--device", "tpu", "'auto', 'cpu', 'cuda'"),
-        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in CONVENTIONS)),
+        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in UNITS)),
         (
             "--outputs",
             "render,bokeh",

@@ -1,0 +1,142 @@
+"""All that is said of one depth file, by the format, the user, the file and its sidecar.
+
+What contradicts or means nothing is refused; what nobody says is asked for by the option's name.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
+
+from defocus_cli.depth_formats.reading import DepthReading
+from defocus_cli.depth_formats.rules import DepthFormat
+from defocus_cli.depth_formats.sidecars import Facts
+from defocus_cli.system.errors import UsageProblem
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_cli.depth_formats.samples import Samples
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A depth file and all that is said of it.
+
+    Attributes:
+        path: the file.
+        reading: what the user says.
+        row: the format.
+        samples: its numbers, and what it says beside them.
+        facts: what its sidecar says; None if there is none.
+    """
+
+    path: Path
+    reading: DepthReading
+    row: DepthFormat
+    samples: Samples
+    facts: Facts | None
+
+    @property
+    def rule(self) -> str:
+        """scale, inverse, log or radius; empty where the user must say it."""
+        return self.facts.rule if self.facts is not None and self.facts.rule else self.row.rule
+
+    @property
+    def named(self) -> str:
+        """What errors name: the option that asks for the format."""
+        name = self.reading.depth_format
+        return "--depth-kind disparity" if name is None else f"--depth-format {name}"
+
+
+def refuse_idle(declared: Declared, rule: str) -> None:
+    """Refuse options that would mean nothing for the rule, or contradict the format.
+
+    Raises:
+        UsageProblem: one is said.
+    """
+    reading, row = declared.reading, declared.row
+    disparity = rule == "inverse"
+    unit = reading.depth_unit is not None
+    idle = {
+        "depth-unit": unit and ((disparity and not row.per_metre) or not row.unitless),
+        "depth-range": reading.depth_range is not None
+        and row.name not in ("metres", "disparity")
+        and "depth-range" not in row.needs
+        and row.rule != "",
+        "baseline": reading.baseline is not None and not disparity,
+        "doffs": reading.doffs is not None and not disparity,
+        "radial": reading.geometry == "radial" and disparity,
+        "depth-scale": reading.depth_scale is not None and rule in ("log", "radius"),
+        "fov": reading.fov is not None and geometry_of(declared) != "radial",
+        "focal-px": reading.focal_px is not None
+        and not disparity
+        and geometry_of(declared) != "radial",
+    }
+    for option, said in idle.items():
+        if said:
+            kind = "disparity" if disparity else f"{row.name}, {row.title}"
+            if reading.depth_format is None and not disparity:
+                kind = "planar depth"
+            raise UsageProblem(f"--{option}", f"means nothing for {kind}", "leave it out")
+    if reading.depth_range is not None:
+        for option, value in (
+            ("depth-unit", reading.depth_unit),
+            ("depth-scale", reading.depth_scale),
+            ("baseline", reading.baseline),
+            ("doffs", reading.doffs),
+        ):
+            if value is not None:
+                remedy = "give one of them"
+                raise UsageProblem(f"--{option}", "stands beside --depth-range", remedy)
+
+
+def ask(declared: Declared, option: str, value: str) -> NoReturn:
+    """Ask for an option that the format cannot do without.
+
+    Raises:
+        UsageProblem: always.
+    """
+    note = declared.row.note
+    problem = f"leaves --{option} open" + (f": {note}" if note else "")
+    raise UsageProblem(declared.named, problem, f"add --{option} {value}")
+
+
+def geometry_of(declared: Declared) -> str:
+    """Planar, radial, or ask: by the user, the file, the channel or the format, in this order."""
+    reading, row, facts = declared.reading, declared.row, declared.facts
+    if reading.geometry is not None:
+        return reading.geometry
+    if facts is not None and facts.radial:
+        return "radial"
+    return "radial" if declared.samples.channel in row.radial_channels else row.geometry
+
+
+def focal_of(declared: Declared, width: int, lens_focal: float | None) -> float | None:
+    """Focal length in px where the numbers are distances to the point; None where planar.
+
+    Raises:
+        UsageProblem: the field of view, or whether it is radial, must be said.
+    """
+    reading, row = declared.reading, declared.row
+    geometry = geometry_of(declared)
+    if geometry == "ask":
+        problem = "leaves open whether the numbers are depth or the distance to the point"
+        problem += f" ({row.note})" if row.note else ""
+        raise UsageProblem(declared.named, problem, "add --planar or --radial")
+    if geometry == "planar":
+        return None
+    if reading.fov is not None and reading.focal_px is not None:
+        raise UsageProblem("--fov", "stands beside --focal-px", "give one of them")
+    if reading.focal_px is not None:
+        return reading.focal_px
+    if reading.fov is not None:
+        return width / 2 / math.tan(math.radians(reading.fov) / 2)
+    if row.focal_px is not None:
+        return row.focal_px if row.focal_width is None else row.focal_px * width / row.focal_width
+    if lens_focal is not None:
+        return lens_focal * width
+    name = "--radial" if reading.geometry else declared.named
+    problem = "is the distance to the point, and nothing says the field of view"
+    raise UsageProblem(name, problem, "add --fov 60deg or --focal-px PX")
