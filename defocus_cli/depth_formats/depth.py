@@ -40,6 +40,7 @@ class Depth:
         by_custom: whether nothing but the custom of the type of file says that 16 bits are
             millimetres.
         replaced: how many invalid pixels were taken as far, or filled.
+        replaced_words: the same for people; empty if none.
     """
 
     metres: Any
@@ -49,6 +50,16 @@ class Depth:
     is_radius: bool = False
     by_custom: bool = False
     replaced: int = 0
+    replaced_words: str = ""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was taken for granted, and what was replaced, for people."""
+        granted = (
+            f"{self.path.name}: 16 bits read as millimetres; say --depth-unit or --depth-format"
+        )
+        replaced = f"{self.path.name}: {self.replaced_words}"
+        return *([granted] * self.by_custom), *([replaced] * bool(self.replaced_words))
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
@@ -221,4 +232,5 @@ def _replaced(depth: Depth, how: str) -> Depth:
         if not fill_from_farther(depth.metres):
             raise InputError(depth.path, "has no pixel with a depth", "check --depth-format")
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
-    return replace(depth, note=f"{depth.note}, {words}", replaced=count)
+    note = f"{depth.note}, {words}"
+    return replace(depth, note=note, replaced=count, replaced_words=words)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from defocus_cli.depth_formats.rules import FLOATS, DepthFormat, Mask
 
 _PNG16 = ("16-bit PNG",)
+_BEYOND_20000 = 20000.002  # the next float32
 
 DEPTH_DATASETS = (
     DepthFormat(
@@ -166,7 +167,7 @@ DEPTH_DATASETS = (
         files=("EXR",),
         scale=1 / 100,
         channels=("Depth", "FinalImageMovieRenderQueue_WorldDepth*", "*.Depth"),
-        sky=20000,
+        sky=_BEYOND_20000,
     ),
     DepthFormat(
         name="urbansyn",
@@ -187,7 +188,7 @@ DEPTH_DATASETS = (
         title="3D Ken Burns",
         files=("EXR",),
         scale=1 / 1000,
-        sky=20000,
+        sky=_BEYOND_20000,
     ),
     DepthFormat(
         name="omniobject3d",

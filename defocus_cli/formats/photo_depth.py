@@ -12,6 +12,7 @@ import struct
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.raster import read_pages, read_samples
@@ -19,8 +20,6 @@ from defocus_cli.system.errors import InputError, reason
 from defocus_cli.system.safe_files import quiet, read_head
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
@@ -96,7 +95,7 @@ def read_gdepth(path: Path) -> PhotoDepth:
         raise InputError(path, "has no GDepth in its XMP", "check what took or edited it")
     data = told.pop(b"Data")
     try:
-        values = _decoded(path, base64.b64decode(data, validate=False))
+        values = _decoded(base64.b64decode(data, validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
         problem = f"has a damaged GDepth image ({reason(error)})"
         raise InputError(path, problem, "copy the photograph again") from error
@@ -124,7 +123,7 @@ def _xmp(data: bytes) -> Iterator[bytes]:
         yield parts[offset]
 
 
-def _decoded(path: Path, data: bytes) -> NDArray[Any]:
+def _decoded(data: bytes) -> NDArray[Any]:
     """First channel [H, W] of an encoded image, 8 or 16 bit."""
     import numpy as np
 
@@ -132,7 +131,7 @@ def _decoded(path: Path, data: bytes) -> NDArray[Any]:
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:  # OpenImageIO reads files alone
         file.write(data)
         file.flush()
-        image = path.with_name(file.name)
+        image = Path(file.name)
         page = read_pages(image)[0]
         dtype = np.uint16 if page.type == "uint16" else np.uint8
         values = np.empty((page.height, page.width), dtype)

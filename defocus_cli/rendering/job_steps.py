@@ -92,7 +92,8 @@ def looked_at(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
 def _unheeded(loaded: Loaded) -> tuple[str, ...]:
     """What in the files of a picture was not heeded."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
-    return *loaded.color.warnings, *(f"hidden: {warning}" for warning in behind)
+    told = (f"hidden: {warning}" for warning in behind)
+    return *loaded.color.warnings, *loaded.depth.warnings, *told
 
 
 def write(made: Made) -> Outcome:
