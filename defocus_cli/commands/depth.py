@@ -78,6 +78,8 @@ def command(
             failed = error
             continue
         records.append(conversion.record(converted))
+        for warning in converted.depth.warnings:
+            console.say(f"warning: {warning}")
         if not as_json:
             console.tell(conversion.line(converted))
     if as_json and records:

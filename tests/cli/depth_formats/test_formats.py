@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import read_exr, run, write_exr
+from command_line import read_exr, refused, run, write_exr
 from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
 from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
 
@@ -476,3 +477,36 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name: str, tmp_path: Path)
             require_valid(depth)
     else:
         require_valid(depth)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("vray-zdepth", "leaves --depth-range open"),
+        ("marigold", "leaves --depth-range open"),
+        ("depth-anything", "leaves --depth-range open"),
+        ("video-depth-anything", "leaves --depth-kind open"),
+        ("megadepth", "leaves --depth-scale open"),
+        ("co3d", "leaves --depth-scale open: .*scale_adjustment"),
+        ("unity-perception", "add --planar or --radial"),
+        ("kubric", "add --planar or --radial"),
+        ("mujoco-warp", "before March 2026.* add --planar or --radial"),
+        ("depth-anything-3", "add --planar or --radial"),
+        ("mitsuba", "--fov 60deg or --focal-px PX"),
+        ("scenenet-rgbd", "--fov 60deg or --focal-px PX"),
+        ("middlebury", r"leaves --focal-px and --baseline open: there is no calib\.txt beside"),
+        ("hci-lightfield", r"there is no parameters\.cfg beside"),
+        ("spring", r"leaves --focal-px open: there is no intrinsics\.txt beside"),
+        ("unrealstereo4k", "there is no Extrinsics beside"),
+        ("ffs-stereo4d", "leaves --focal-px and --baseline open"),
+        ("disparity", "--focal-px PX and --baseline 65mm, or --depth-range NEAR FAR, or"),
+    ],
+)
+def test_what_no_format_may_guess_is_asked_for(name: str, words: str, tmp_path: Path) -> None:
+    example = EXAMPLES[name](tmp_path)
+    for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg")):
+        sidecar.unlink()
+    part = ("--part", "0") if "--part" in example.options else ()
+    ran = run("depth", example.path, "--depth-format", name, *part, "-o", tmp_path / "o.exr")
+    refused(ran, 2, f"--depth-format {name}: ")
+    assert re.search(words, ran.err)
