@@ -12,7 +12,7 @@ from defocus_cli.system.errors import UsageProblem
 
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",
-    "depth": "depth files and their formats, estimated depth of photographs, repair of depth, hidden layers",
+    "depth": "depth files by format, estimated depth of photographs, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
     "python": "the renderer as a torch library, training, samples of a batch",

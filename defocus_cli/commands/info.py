@@ -42,6 +42,7 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
                    and repair: what would be done to the depth before it is rendered,
                    empty if nothing; null if there is none
       depth_note   how the depth would be read, or why there is none
+      evidence     formats that the depth could be of, and faults that show
       maps         kind, and range_px or range, of what 'defocus render' wrote
 
     \b

@@ -14,7 +14,7 @@ from defocus_cli.formats.bare_arrays import bare_type, read_bare, read_headerles
 from defocus_cli.formats.containers import Entry, container_type, read_entries
 from defocus_cli.formats.exr_channels import require_part
 from defocus_cli.formats.exr_header import is_exr
-from defocus_cli.formats.float_maps import is_float_map, read_float_map, read_npy
+from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_cli.formats.photo_depth import is_heic, is_jpeg, read_gdepth, read_heic
 from defocus_cli.formats.png_text import png_text
 from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
@@ -92,7 +92,7 @@ def _article(kind: str) -> str:
 def _from_map(path: Path, reading: DepthReading) -> Samples:
     """Numbers of a PFM, or of an NPY whose axes the format may say."""
     row, integers = reading.row, reading.says_scale
-    if read_head(path).startswith(b"\x93NUMPY") and (row.plane is not None or "N" in row.axes):
+    if read_head(path).startswith(NPY_MAGIC) and (row.plane is not None or "N" in row.axes):
         values = _map_of(path, read_npy(path, integers=integers), row, reading.part)
         file_type = "NPY"
     else:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from defocus_cli.formats.bare_arrays import bare_type, read_bare
 from defocus_cli.formats.containers import container_type, read_entries
 from defocus_cli.formats.exr_header import is_exr, read_headers
-from defocus_cli.formats.float_maps import is_float_map, read_float_map
+from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_cli.formats.photo_depth import is_heic, read_heic
 from defocus_cli.formats.raster import read_pages
 from defocus_cli.system.safe_files import read_head
@@ -70,20 +70,18 @@ def describe(path: Path) -> FileInfo:
         )
         shown = headers[0].display
         return FileInfo(path, shown.width, shown.height, parts, at_once=False)
-    if is_float_map(head):
-        values = read_float_map(path, integers=True).values
-        floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
-        return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=False)
-    if bare_type(head):
-        values = read_bare(path)
-        floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
-        return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=False)
+    if head.startswith(NPY_MAGIC):
+        values = read_npy(path, integers=True)
+        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
+    if is_float_map(head) or bare_type(head):
+        values = read_float_map(path).values if is_float_map(head) else read_bare(path)
+        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
     if container_type(head):
-        return _container(path)
+        entries = read_entries(path).items()
+        return _arrays(path, {name: (e.shape, e.dtype) for name, e in entries}, at_once=True)
     if is_heic(head):
         values = read_heic(path).values
-        image = PartInfo(0, "", (("depth", values.dtype.name),), deep=False)
-        return FileInfo(path, values.shape[1], values.shape[0], (image,), at_once=True)
+        return _arrays(path, {"depth": (values.shape, values.dtype.name)}, at_once=True)
     known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
@@ -98,14 +96,19 @@ def describe(path: Path) -> FileInfo:
     return FileInfo(path, first.width, first.height, parts, at_once)
 
 
-def _container(path: Path) -> FileInfo:
-    """The arrays of a container: its channels are those, its size that of the first."""
-    entries = read_entries(path)
-    arrays = tuple(
-        (f"{name} {'×'.join(map(str, entry.shape))}", entry.dtype)
-        for name, entry in entries.items()
+def _arrays(
+    path: Path, arrays: dict[str, tuple[tuple[int, ...], str]], *, at_once: bool
+) -> FileInfo:
+    """Arrays of a file by name, of shape and type: its size is that of the first."""
+    channels = tuple(
+        (name if len(shape) == 2 and len(arrays) == 1 else f"{name} {_times(shape)}", dtype)
+        for name, (shape, dtype) in arrays.items()
     )
-    shape = next(iter(entries.values())).shape
+    shape = next(iter(arrays.values()))[0]
     height, width = shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
-    part = PartInfo(0, "", arrays, deep=False)
-    return FileInfo(path, width, height, (part,), at_once=True)
+    part = PartInfo(0, "", channels, deep=False)
+    return FileInfo(path, width, height, (part,), at_once)
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return "×".join(map(str, shape))

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+NPY_MAGIC = b"\x93NUMPY"
 _AGAIN = "write or copy it again"
 
 
@@ -37,7 +38,7 @@ class FloatMap:
 
 def is_float_map(head: bytes) -> bool:
     """Whether a file that starts with ``head`` is one of these."""
-    return head[:2] in (b"Pf", b"PF") or head.startswith(b"\x93NUMPY")
+    return head[:2] in (b"Pf", b"PF") or head.startswith(NPY_MAGIC)
 
 
 def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
@@ -50,7 +51,7 @@ def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
     Raises:
         InputError: damaged, or not a single map of floats.
     """
-    if not read_head(path).startswith(b"\x93NUMPY"):
+    if not read_head(path).startswith(NPY_MAGIC):
         return FloatMap(_pfm(path), "PFM")
     values = read_npy(path, integers=integers)
     while values.ndim > 2 and values.shape[0] == 1:

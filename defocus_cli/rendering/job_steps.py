@@ -141,9 +141,13 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     """
     if reading.part is None:
         return None, None
+    from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
+    from defocus_cli.system.safe_files import read_head
 
+    if container_type(read_head(picture.depth, 32)):  # which has frames
+        return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
     paths = (picture.color, picture.depth)
     color, depth = (len(describe(path).parts) for path in paths)
     if picture.color == picture.depth or max(color, depth) == 1:

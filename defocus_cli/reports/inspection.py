@@ -62,6 +62,7 @@ class Inspection:
     depth: DepthFound | None
     depth_note: str
     maps: tuple[MapFound, ...] = ()
+    evidence: tuple[str, ...] = ()  # formats that the depth could be of, and faults that show
 
 
 def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> Inspection:
@@ -79,11 +80,15 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
     """
     from defocus_cli.depth_formats.depth import read_depth
     from defocus_cli.formats.color import read_color
+    from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
+    from defocus_cli.reports.depth_evidence import evidence_of
+    from defocus_cli.system.safe_files import read_head
 
     info = describe(path)
-    if reading.part is not None and (lone or len(info.parts) > 1):
+    has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
+    if reading.part is not None and not has_frames and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
     color_note = _why_no_color(info, reading)
     depth_note = _why_no_depth(info, reading)
@@ -93,8 +98,20 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
         color = ColorFound(read.note, read.channels, _nonfinite(read.pixels))
     if not depth_note:
         lens_focal = None if lens is None else lens.foclen / lens.sensor_width
-        depth = _summary(read_depth(path, reading, lens_focal=lens_focal), lens)
-    return Inspection(info, color, color_note, depth, depth_note, _maps(info))
+        try:
+            depth = _summary(read_depth(path, reading, lens_focal=lens_focal), lens)
+        except InputError as error:
+            if color is None:
+                raise
+            depth_note = _clause(error)  # the file is the colour of another one
+    maps = _maps(info)
+    evidence = () if maps or not _may_be_depth(info) else evidence_of(path, reading, info)
+    return Inspection(info, color, color_note, depth, depth_note, maps, evidence)
+
+
+def _may_be_depth(info: FileInfo) -> bool:
+    """Whether a file is no mere picture: an EXR, a file of arrays, or of one channel."""
+    return info.path.suffix.lower() == ".exr" or len(info.parts[0].channels) == 1
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
@@ -111,12 +128,18 @@ def _why_no_color(info: FileInfo, reading: Reading) -> str:
 
 def _why_no_depth(info: FileInfo, reading: Reading) -> str:
     """Why a file has no depth; empty if it has."""
+    from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.exr_channels import choose_depth
+    from defocus_cli.system.safe_files import read_head
 
+    if reading.row.channels and reading.depth_format is not None:
+        return ""  # the format knows its own channels
     channel = reading.depth_channel
     why, channels = _chosen(info, reading, partial(choose_depth, channel=channel), named=channel)
     if why or channels is None:
         return why
+    if reading.says_scale or container_type(read_head(info.path, 32)):
+        return ""  # who decodes it says it better
     if len(channels) != 1:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""

@@ -25,6 +25,7 @@ def record(found: Inspection) -> dict[str, Any]:
         "color_note": found.color_note,
         "depth": None,
         "depth_note": found.depth_note,
+        "evidence": list(found.evidence),
         "maps": [_map_record(shown) for shown in found.maps],
     }
     if found.color is not None:
@@ -76,6 +77,8 @@ def lines(found: Inspection) -> Iterator[str]:
         yield f"  no depth: {found.depth_note}"
     else:
         yield from _depth_lines(found.depth)
+    for told in found.evidence:
+        yield f"  {told}"
 
 
 def _depth_lines(depth: DepthFound) -> Iterator[str]:

@@ -1,0 +1,163 @@
+"""Evidence of a depth file's format: numbers, names and files beside it, for people to judge.
+
+Nothing is read by it: it only names the formats that a file could be of, and faults that show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.depth_formats.file_types import read_numbers
+from defocus_cli.depth_formats.reading import DepthReading
+from defocus_cli.depth_formats.samples import Samples
+from defocus_cli.depth_formats.table import ROWS
+from defocus_cli.formats.png_text import png_text
+from defocus_cli.system.arrays import IN_MEMORY, bands
+from defocus_cli.system.errors import UserError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_cli.formats.describe import FileInfo
+
+_TOP = 65535
+_SEVERAL = 0.001  # share of pixels
+# Names of channels and arrays that only one format has.
+_TELLING_NAMES = {
+    "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
+    "coc": ("coc",),
+    "hypersim": ("dataset *",),
+    "nyu-mat": ("rawDepths *",),
+    "spring": ("disparity *",),
+    "vision-blender": ("depth_map *",),
+}
+_BESIDE = {
+    "middlebury": ("PFM", "calib.txt"),
+    "hci-lightfield": ("PFM", "parameters.cfg"),
+    "diode": ("NPY", "{stem}_mask.npy"),
+    "moge": ("EXR", "fov.json"),
+}
+# Neighbours of one pixel are the two sides of an edge if their depths differ by this factor. A
+# pixel lies between them if it is this share of the way from both.
+_EDGE, _BETWEEN = 1.25, 0.15
+# Pixels at edges that are enough to judge by; share of them between near and far. A hard edge has
+# two pixels and none between, an averaged one three and one, twice enlarged ones four and two.
+_EDGES, _MIXED = 50, 0.25
+
+
+def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str, ...]:
+    """Sentences on the formats that a depth file could be of, and on faults that show.
+
+    Args:
+        path: the file.
+        reading: what the user says of it; with a format, only faults are told.
+        info: what its header says.
+    """
+    told = [] if reading.depth_format is not None else [*_of_names(path, info)]
+    try:
+        said = reading if reading.says_scale else replace(reading, depth_scale=1.0)
+        samples = read_numbers(path, said, IN_MEMORY, None)
+    except UserError:  # another line of the report says why
+        return tuple(told)
+    if reading.depth_format is None:
+        told += _of_numbers(path, samples)
+    told += _faults(samples)
+    return tuple(told)
+
+
+def _of_names(path: Path, info: FileInfo) -> Iterator[str]:
+    """What names of channels, and of files beside it, say."""
+    names = [name for part in info.parts for name, _ in part.channels]
+    for name, patterns in _TELLING_NAMES.items():
+        hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
+        if hits:
+            yield f"{hits[0]}: {_say(name)}"
+    kind = path.suffix[1:].upper()
+    for name, (file_type, place) in _BESIDE.items():
+        if kind == file_type and path.with_name(place.format(stem=path.stem)).is_file():
+            yield f"{place.format(stem=path.stem)} beside it: {_say(name)}"
+
+
+def _of_numbers(path: Path, samples: Samples) -> Iterator[str]:
+    """What the numbers of a file without a named format say."""
+    texts = png_text(path)
+    if {"near", "far"} <= texts.keys():
+        yield f"text chunks near and far: {_say('moge-png')}"
+        return
+    if samples.type == "16-bit PNG":
+        top, zero = (_share(samples, number) for number in (_TOP, 0))
+        if top >= _SEVERAL:
+            names = [r.name for r in _rows_of("16-bit PNG") if 65000 <= r.sky <= _TOP]
+            yield f"{_TOP} in {_percent(top)} of the 16-bit pixels: {_say(*names)}"
+        if zero >= _SEVERAL:
+            names = [r.name for r in _rows_of("16-bit PNG") if 0 in r.invalid and r.rule == "scale"]
+            told = ", ".join(names[:5])
+            yield (
+                f"0 in {_percent(zero)} of the 16-bit pixels: holes of {told} and others, or far "
+                "away by a network; say --depth-format, and --invalid far or fill for holes"
+            )
+    if samples.type == "8-bit PNG":
+        yield (
+            "8 bits: relative depth of a network; say --depth-range NEAR FAR, and --depth-kind "
+            "disparity if bright is near, or depth if bright is far"
+        )
+    if samples.type == "PFM" and samples.values.min() < 0:
+        yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
+
+
+def _faults(samples: Samples) -> Iterator[str]:
+    """What makes depth worse for blurring."""
+    if samples.type == "8-bit PNG":
+        yield "warning: 8 bits hold 256 levels, which show as steps of blur"
+    edges, mixed = _edges(samples.values)
+    if edges >= _EDGES and mixed >= _MIXED * edges:
+        yield (
+            f"warning: {_percent(mixed / edges)} of the pixels at depth edges lie between near "
+            "and far: the depth looks bilinearly resampled or anti-aliased; resample it by nearest"
+        )
+
+
+def _edges(values: Any) -> tuple[int, int]:
+    """How many pixels lie at a depth edge along a row, and how many of these lie between."""
+    import numpy as np
+
+    edges = mixed = 0
+    if values.ndim != 2 or values.shape[1] < 3:
+        return 0, 0
+    for rows in bands(values.shape):
+        with np.errstate(invalid="ignore", over="ignore"):
+            band: NDArray[np.float64] = values[rows].astype(np.float64)
+            left, middle, right = band[:, :-2], band[:, 1:-1], band[:, 2:]
+            near, far = np.minimum(left, right), np.maximum(left, right)
+            is_edge = (near > 0) & np.isfinite(far) & (far > _EDGE * near)
+            share = (middle - near) / (far - near)
+            between = is_edge & (share > _BETWEEN) & (share < 1 - _BETWEEN)
+        edges += int(is_edge.sum())
+        mixed += int(between.sum())
+    return edges, mixed
+
+
+def _share(samples: Samples, number: int) -> float:
+    values = samples.values
+    count = sum(int((values[rows] == number).sum()) for rows in bands(values.shape))
+    return count / float(values.shape[0] * values.shape[1])
+
+
+def _rows_of(file_type: str) -> list[Any]:
+    return [row for row in ROWS if file_type in row.files and not row.bits]
+
+
+def _say(*names: str) -> str:
+    """Formats that fit, and what to say."""
+    listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+    return f"{listed}; say --depth-format {names[0] if len(names) == 1 else 'NAME'}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
