@@ -170,7 +170,8 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
     raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
     if raster.deep:
         raise InputError(path, "holds deep data", "flatten it first")
-    kind = f"{'16-bit' if raster.type == 'uint16' else raster.type} {path.suffix[1:].upper()}"
+    bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(raster.type, raster.type)
+    kind = f"{bits} {path.suffix[1:].upper()}"
     told = png_text(path) if row.sidecar == "text-chunks" else {}
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
     dtype = dtypes.get(raster.type, np.float32)

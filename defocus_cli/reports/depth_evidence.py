@@ -5,6 +5,7 @@ Nothing is read by it: it only names the formats that a file could be of, and fa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -43,9 +44,9 @@ _BESIDE = {
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
-# Neighbours of one pixel are the two sides of an edge if their depths differ by this factor. A
-# pixel lies between them if it is this share of the way from both.
-_EDGE, _BETWEEN = 1.25, 0.15
+# Neighbours of one pixel are the two sides of an edge if their numbers differ by this factor, and
+# by this share of the greatest. A pixel lies between them if it is this share away from both.
+_EDGE, _STEP, _BETWEEN = 1.25, 0.02, 0.15
 # Pixels at edges that are enough to judge by; share of them between near and far. A hard edge has
 # two pixels and none between, an averaged one three and one, twice enlarged ones four and two.
 _EDGES, _MIXED = 50, 0.25
@@ -119,7 +120,8 @@ def _faults(samples: Samples) -> Iterator[str]:
     if edges >= _EDGES and mixed >= _MIXED * edges:
         yield (
             f"warning: {_percent(mixed / edges)} of the pixels at depth edges lie between near "
-            "and far: the depth looks bilinearly resampled or anti-aliased; resample it by nearest"
+            "and far: the depth looks bilinearly resampled or anti-aliased; resample it by nearest, "
+            "or leave it to --depth-repair auto"
         )
 
 
@@ -130,12 +132,14 @@ def _edges(values: Any) -> tuple[int, int]:
     edges = mixed = 0
     if values.ndim != 2 or values.shape[1] < 3:
         return 0, 0
+    tops = [values[rows][np.isfinite(values[rows])].max(initial=0) for rows in bands(values.shape)]
+    step = _STEP * float(max(tops))
     for rows in bands(values.shape):
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             band: NDArray[np.float64] = values[rows].astype(np.float64)
             left, middle, right = band[:, :-2], band[:, 1:-1], band[:, 2:]
             near, far = np.minimum(left, right), np.maximum(left, right)
-            is_edge = (near > 0) & np.isfinite(far) & (far > _EDGE * near)
+            is_edge = (near > 0) & (far < math.inf) & (far > np.maximum(_EDGE * near, near + step))
             share = (middle - near) / (far - near)
             between = is_edge & (share > _BETWEEN) & (share < 1 - _BETWEEN)
         edges += int(is_edge.sum())
@@ -160,4 +164,4 @@ def _say(*names: str) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"

@@ -105,7 +105,8 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
                 raise
             depth_note = _clause(error)  # the file is the colour of another one
     maps = _maps(info)
-    evidence = () if maps or not _may_be_depth(info) else evidence_of(path, reading, info)
+    depth_like = _may_be_depth(info) or (depth is not None and reading.says_scale)
+    evidence = evidence_of(path, reading, info) if depth_like and not maps else ()
     return Inspection(info, color, color_note, depth, depth_note, maps, evidence)
 
 
