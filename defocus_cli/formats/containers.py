@@ -32,7 +32,7 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"
 _TYPES |= {13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15
 _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"}
-_LARGEST_MATLAB = 2**30  # bytes, since it is decompressed at once
+_LARGEST_MATLAB = 2**28  # bytes, since it is decompressed at once
 
 
 @dataclass(frozen=True)
@@ -170,12 +170,14 @@ def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:
         raise InputError(path, problem, "save it with -v7.3, which is read in pieces")
     data = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}[data[126:128]]
+    room = _LARGEST_MATLAB
     for kind, body in _elements(data[128:], order):
         if kind == _COMPRESSED:
             decompress = zlib.decompressobj()
-            body = decompress.decompress(body, _LARGEST_MATLAB)
-            if not decompress.eof:
-                raise ValueError("an array of more than 1 GiB, or cut short")
+            body = decompress.decompress(body, room + 1)
+            room -= len(body)
+            if room < 0 or not decompress.eof:
+                raise ValueError("arrays of more than 256 MiB, or cut short")
             kind, body = next(_elements(body, order))
         if kind == _MATRIX and (named := _matrix(body, order)) is not None:
             name, values = named

@@ -97,7 +97,8 @@ def read_gdepth(path: Path) -> PhotoDepth:
     try:
         values = _decoded(base64.b64decode(data, validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
-        problem = f"has a damaged GDepth image ({reason(error)})"
+        why = error.problem if isinstance(error, InputError) else reason(error)
+        problem = f"has a damaged GDepth image ({why})"
         raise InputError(path, problem, "copy the photograph again") from error
     words = {
         name.decode("ascii", "replace"): text.decode("utf-8", "replace")

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _LONGEST = 1 << 16  # bytes of a text that is read
+_MOST_CHUNKS = 100_000
 
 
 def png_text(path: Path) -> dict[str, str]:
@@ -22,7 +23,9 @@ def png_text(path: Path) -> dict[str, str]:
     with path.open("rb") as file:
         if file.read(8) != _SIGNATURE:
             return texts
-        while len(head := file.read(8)) == 8:
+        for _ in range(_MOST_CHUNKS):
+            if len(head := file.read(8)) < 8:
+                break
             size, kind = struct.unpack(">I4s", head)
             if kind in (b"tEXt", b"zTXt", b"iTXt") and size <= _LONGEST:
                 key, _, value = file.read(size).partition(b"\0")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from defocus_cli.formats.kinds import PREVIEW
 from defocus_cli.jobs.job import Picture
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import missing
@@ -13,12 +14,11 @@ from defocus_cli.system.safe_files import missing
 COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 
 
-DEPTH_SUFFIXES = frozenset(
-    {
-        *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".dpt"),
-        *(".bin", ".h5", ".hdf5", ".dsp5", ".mat", ".heic", ".heif"),
-    }
-)
+PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
+DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
+    *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),
+    *(".dsp5", ".mat", ".heic", ".heif"),
+}
 
 
 SCENE_SUFFIXES = frozenset({".exr"})
@@ -46,7 +46,7 @@ def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
         )
     if not color.is_dir():
         return [Picture(color.stem, color, depth)]
-    colors, depths = _by_stem(color, COLOR_SUFFIXES), _by_stem(depth, DEPTH_SUFFIXES)
+    colors, depths = _by_stem(color, COLOR_SUFFIXES), _depths(depth)
     lone = [sorted(colors.keys() - depths.keys()), sorted(depths.keys() - colors.keys())]
     if lone[0] or lone[1]:
         told = [
@@ -100,10 +100,19 @@ def _scenes(path: Path) -> list[Picture]:
     return [Picture(path.stem, path, path)]
 
 
+def _depths(folder: Path) -> dict[str, Path]:
+    """Depth files of a directory: photographs are depth where nothing else is in it."""
+    suffixes = {path.suffix.lower() for path in folder.iterdir()} & DEPTH_SUFFIXES
+    others = DEPTH_SUFFIXES - PHOTO_SUFFIXES
+    return _by_stem(folder, others if suffixes & others else DEPTH_SUFFIXES)
+
+
 def _by_stem(folder: Path, suffixes: frozenset[str]) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.suffix.lower() not in suffixes or path.is_dir():
+            continue
+        if path.name.endswith(f"{PREVIEW}.png"):  # of what `defocus depth` wrote
             continue
         if path.stem in found:
             raise InputError(

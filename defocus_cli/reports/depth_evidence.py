@@ -33,10 +33,11 @@ _SEVERAL = 0.001  # share of pixels
 _TELLING_NAMES = {
     "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
     "coc": ("coc",),
-    "hypersim": ("dataset *",),
-    "nyu-mat": ("rawDepths *",),
-    "spring": ("disparity *",),
-    "vision-blender": ("depth_map *",),
+    "hypersim": ("dataset",),
+    "nyu-mat": ("rawDepths",),
+    "spring": ("disparity",),
+    "vision-blender": ("depth_map",),
+    "megadepth": ("depth",),
 }
 _BESIDE = {
     "middlebury": ("PFM", "calib.txt"),
@@ -74,7 +75,7 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str,
 
 def _of_names(path: Path, info: FileInfo) -> Iterator[str]:
     """What names of channels, and of files beside it, say."""
-    names = [name for part in info.parts for name, _ in part.channels]
+    names = [name.split(" ")[0] for part in info.parts for name, _ in part.channels]
     for name, patterns in _TELLING_NAMES.items():
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:
@@ -120,8 +121,8 @@ def _faults(samples: Samples) -> Iterator[str]:
     if edges >= _EDGES and mixed >= _MIXED * edges:
         yield (
             f"warning: {_percent(mixed / edges)} of the pixels at depth edges lie between near "
-            "and far: the depth looks bilinearly resampled or anti-aliased; resample it by nearest, "
-            "or leave it to --depth-repair auto"
+            "and far: the depth looks bilinearly resampled or anti-aliased; resample it by "
+            "nearest, or leave it to --depth-repair auto"
         )
 
 

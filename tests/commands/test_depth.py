@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,11 @@ from command_line import (
     write_exr,
 )
 from depth_files import npy, png
+from image_files import save
 
 from defocus_cli.jobs.job import Machine, Outputs, Reading
 from defocus_cli.jobs.jobs_file import read_jobs
+from defocus_cli.journal.plain_values import plain, typed
 from defocus_cli.system.errors import UsageProblem
 
 
@@ -291,3 +294,57 @@ def test_focus_at_a_pixel_is_that_of_the_decoded_depth(tmp_path: Path) -> None:
     (record,) = run("info", "--json", path, *args, "--depth-format", "kitti").json["files"]
     assert record["depth"]["lens"]["focus_mm"] == 2000
     assert LENS
+
+
+def test_converted_depth_pairs_with_its_pictures_and_previews_do_not(tmp_path: Path) -> None:
+    color_exr(tmp_path / "frames" / "a.exr")
+    path = npy(tmp_path / "a.npy", ramp())
+    assert run("depth", path, "-o", tmp_path / "depths", "--preview").code == 0
+    assert (tmp_path / "depths" / "a.preview.png").is_file()
+    assert render(tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o").code == 0
+
+
+def test_photographs_are_depth_in_a_directory_without_other_depth(tmp_path: Path) -> None:
+    color_exr(tmp_path / "frames" / "a.exr")
+    share = np.repeat((ramp() * 60)[:, :, None], 3, axis=2).astype(np.uint8)
+    (tmp_path / "depths").mkdir()
+    save(tmp_path / "depths" / "a.jpg", share)
+    said = ("--depth-format", "depth-anything", "--depth-range", "1m", "9m")
+    args = (tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o")
+    assert render(*args, *said).code == 0
+    depth_exr(tmp_path / "depths" / "a.exr")
+    assert render(*args, "--overwrite").code == 0  # a picture beside the depth changes nothing
+
+
+def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path: Path) -> None:
+    color, path = pair(tmp_path)
+    held = tmp_path / "DSC_0001.JPG"
+    held.write_bytes(ramp().astype("<f4").tobytes())
+    said = ("--depth-format", "eth3d", "--outputs", "coc")
+    assert render(color, held, "-o", tmp_path / "o", *said).code == 0
+    render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
+    np.testing.assert_array_equal(*of)
+    refused(run("depth", held, "--depth-format", "eth3d", "-o", tmp_path / "z.exr"), 3, "6048×4032")
+
+
+def test_a_frame_of_an_array_is_chosen_beside_a_colour_of_one_part(tmp_path: Path) -> None:
+    color, path = pair(tmp_path)
+    np.savez(tmp_path / "a.npz", depths=np.stack([ramp() * 9, ramp()]).astype(np.float32))
+    said = ("--depth-format", "video-depth-anything", "--depth-kind", "depth", "--part", "1")
+    args = (color, tmp_path / "a.npz", "-o", tmp_path / "o", "--outputs", "coc")
+    ran = render(*args, *said)
+    assert ran.code == 0, ran.err
+    render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
+    np.testing.assert_array_equal(*of)
+    ran = run("info", tmp_path / "a.npz", *said)
+    assert "depth: 1 m to 4 m" in ran.out
+
+
+def test_a_record_of_the_journal_keeps_how_depth_was_read() -> None:
+    reading = Reading(
+        depth_format="disparity", depth_range=(2000.0, np.inf), geometry="planar", invalid="fill"
+    )
+    assert typed(Reading, json.loads(json.dumps(plain(reading)))) == reading
+    assert plain(Reading()) == {}
