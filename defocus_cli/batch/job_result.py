@@ -64,7 +64,7 @@ class Reader:
         start = time.perf_counter()
         stamps: dict[str, Any] = {}
         try:
-            for role, path in job.picture.files.items():
+            for role, path in job.files.items():
                 with suppress(OSError):  # the decoder says it better
                     stamps[role] = identity.settled_stamp(path)
             loaded = job_steps.load_inputs(job)

@@ -202,7 +202,7 @@ class _Batch:
 
 def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
     """What the journal says of a job."""
-    places = {role: input_path(path, out) for role, path in job.picture.files.items()}
+    places = {role: input_path(path, out) for role, path in job.files.items()}
     inputs = {
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
     }

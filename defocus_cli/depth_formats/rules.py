@@ -34,13 +34,11 @@ class Mask:
             the stem.
         marks: ``invalid`` or ``sky``.
         where: pixels it marks: ``zero``, ``nonzero``, or the number of a class.
-        strip: end of the stem that the name of the mask does not have.
     """
 
     places: tuple[str, ...]
     marks: str
     where: str | int
-    strip: str = ""
 
 
 @dataclass(frozen=True)

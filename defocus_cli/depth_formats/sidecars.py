@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.depth_formats.rules import Mask
+from defocus_cli.depth_formats.rules import DepthFormat, Mask
 from defocus_cli.system.errors import InputError, reason
 
 if TYPE_CHECKING:
@@ -193,6 +193,20 @@ _PLACES: dict[str, Callable[[Path], list[Path]]] = {
 }
 
 
+def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
+    """Files beside a depth file by which it is read, by role; empty if there are none."""
+    files = {}
+    if row.sidecar in _PLACES:
+        place = next((place for place in _PLACES[row.sidecar](path) if place.is_file()), None)
+        if place is not None:
+            files["depth_sidecar"] = place
+            if row.sidecar == "Extrinsics":
+                files["depth_sidecar_right"] = _second(place)
+    if row.mask is not None and (mask := _mask_file(row.mask, path)) is not None:
+        files["depth_mask"] = mask
+    return files
+
+
 def marked_pixels(
     mask: Mask, path: Path, shape: tuple[int, int]
 ) -> tuple[NDArray[np.bool_], Path] | None:
@@ -201,22 +215,28 @@ def marked_pixels(
     Raises:
         InputError: the mask cannot be read, or is of another size.
     """
-    words = {
-        "stem": path.stem.removesuffix(mask.strip),
-        "folder": path.parent.name,
-        "number": _number_at_end(path),
-    }
-    for template in mask.places:
-        place = path.parent / template.format(**words)
-        if place.is_file() and place != path:
-            values = _mask_values(place)
-            if values.shape != shape:
-                told, wanted = (f"{w}x{h} px" for h, w in (values.shape, shape))
-                raise InputError(place, f"is {told} and {path} is {wanted}", _CHECK)
-            if isinstance(mask.where, int):
-                return values == mask.where, place
-            return (values == 0) == (mask.where == "zero"), place
-    return None
+    place = _mask_file(mask, path)
+    if place is None:
+        return None
+    values = _mask_values(place)
+    if values.shape != shape:
+        told, wanted = (f"{w}x{h} px" for h, w in (values.shape, shape))
+        raise InputError(place, f"is {told} and {path} is {wanted}", _CHECK)
+    if isinstance(mask.where, int):
+        return values == mask.where, place
+    return (values == 0) == (mask.where == "zero"), place
+
+
+def _mask_file(mask: Mask, path: Path) -> Path | None:
+    """The mask of a depth file; None if there is none."""
+    words = {"stem": path.stem, "folder": path.parent.name, "number": _number_at_end(path)}
+    places = (path.parent / template.format(**words) for template in mask.places)
+    return next((place for place in places if place.is_file() and place != path), None)
+
+
+def _second(first: Path) -> Path:
+    """The file of the right camera, of UnrealStereo4K."""
+    return first.parent.parent / "Extrinsics1" / first.name
 
 
 def _mask_values(path: Path) -> NDArray[Any]:

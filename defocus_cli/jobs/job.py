@@ -1,7 +1,7 @@
 """A job: one picture, the lens that takes it, what to write and how to render it.
 
 Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
-Nothing here opens a file.
+Nothing here opens a file, though `Job.files` looks which are there.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.depth_formats.reading import DepthReading
+from defocus_cli.depth_formats.sidecars import files_beside
 from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import Draw
@@ -129,6 +130,11 @@ class Job:
     outputs: Outputs
     machine: Machine
     suffix: str = ""  # what tells this lens from the others that take the same picture
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its inputs by role: those of the picture, and those beside its depth that are there."""
+        return self.picture.files | files_beside(self.reading.row, self.picture.depth)
 
     @property
     def lens_focal(self) -> float | None:

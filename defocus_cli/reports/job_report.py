@@ -18,7 +18,7 @@ def plan_record(job: Job) -> dict[str, Any]:
     """What a job would read and write."""
     return {
         "stem": job.sample_id,
-        **{role: str(path) for role, path in job.picture.files.items()},
+        **{role: str(path) for role, path in job.files.items()},
         "lens": lens_record(job.lens),
         "outputs": {kind: str(path) for kind, path in job.paths.items()},
         "previews": {kind: str(path) for kind, path in job.previews.items()},
@@ -27,7 +27,7 @@ def plan_record(job: Job) -> dict[str, Any]:
 
 def plan_line(job: Job) -> str:
     """What a job would read and write, in words."""
-    inputs = dict.fromkeys(map(str, job.picture.files.values()))
+    inputs = dict.fromkeys(map(str, job.files.values()))
     return (
         f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
         f"would write {_written_words(job)}"

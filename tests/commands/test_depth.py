@@ -21,7 +21,7 @@ from command_line import (
     run,
     write_exr,
 )
-from depth_files import npy, png
+from depth_files import npy, pfm, png
 from image_files import save
 
 from defocus_cli.jobs.job import Machine, Outputs, Reading
@@ -348,3 +348,21 @@ def test_a_record_of_the_journal_keeps_how_depth_was_read() -> None:
     )
     assert typed(Reading, json.loads(json.dumps(plain(reading)))) == reading
     assert plain(Reading()) == {}
+
+
+def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")
+    disparity = pfm(tmp_path / "d.pfm", 10 / ramp())
+    calib = "cam0=[10 0 1; 0 1 1; 0 0 1]\nbaseline={}\n"
+    (tmp_path / "calib.txt").write_text(calib.format(1000))
+    args = (color, disparity, "-o", tmp_path / "o", "--depth-format", "middlebury")
+    assert render(*args, "--outputs", "coc").code == 0
+    before = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
+    assert "done before" in render(*args, "--outputs", "coc").err
+    (tmp_path / "calib.txt").write_text(calib.format(2000))
+    assert render(*args, "--outputs", "coc").code == 0
+    after = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
+    assert (after > before).all()
+    last = (tmp_path / "o" / "journal.jsonl").read_text().splitlines()[-1]
+    record = json.loads(last)
+    assert record["inputs"]["depth_sidecar"]["path"].endswith("calib.txt")
