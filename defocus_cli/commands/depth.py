@@ -10,7 +10,8 @@ from defocus_cli.jobs.job import Reading
 from defocus_cli.options import shared
 from defocus_cli.options.reading import depth_reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
-from defocus_cli.reports import conversion
+from defocus_cli.rendering.depth_conversion import convert, places, refuse_existing
+from defocus_cli.reports import conversion_report
 from defocus_cli.system import console
 from defocus_cli.system.errors import UserError
 
@@ -65,23 +66,23 @@ def command(
       defocus depth disparity.png --depth-kind disparity --depth-range 2m 50m -o depth.exr
       defocus depth frames/*.png --depth-format vkitti2 -o depths --preview
     """  # noqa: D301  click reads the backspace
-    places = conversion.places(files, out, preview=preview)
-    conversion.refuse_existing(places, overwrite=overwrite)
+    wanted = places(files, out, preview=preview)
+    refuse_existing(wanted, overwrite=overwrite)
     failed: UserError | None = None
     records = []
-    for place in places:
+    for place in wanted:
         try:
-            converted = conversion.convert(place, reading)
+            converted = convert(place, reading)
         except UserError as error:
             if failed:
                 failed.show()
             failed = error
             continue
-        records.append(conversion.record(converted))
+        records.append(conversion_report.record(converted))
         for warning in converted.depth.warnings:
             console.say(f"warning: {warning}")
         if not as_json:
-            console.tell(conversion.line(converted))
+            console.tell(conversion_report.line(converted))
     if as_json and records:
         console.print_json(files=records)
     if failed:

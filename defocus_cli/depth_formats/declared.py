@@ -76,7 +76,7 @@ def refuse_idle(declared: Declared, rule: str) -> None:
     }
     for option, said in idle.items():
         if said:
-            kind = "disparity" if disparity else f"{row.name}, {row.title}"
+            kind = "disparity" if disparity else row.name
             if reading.depth_format is None and not disparity:
                 kind = "planar depth"
             raise UsageProblem(f"--{option}", f"means nothing for {kind}", "leave it out")
@@ -113,13 +113,13 @@ def geometry_of(declared: Declared) -> str:
     return "radial" if declared.samples.channel in row.radial_channels else row.geometry
 
 
-def focal_of(declared: Declared, width: int, lens_focal: float | None) -> float | None:
-    """Focal length in px where the numbers are distances to the point; None where planar.
+def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -> float | None:
+    """Focal length in px of the depth map where it holds distances to the point, else None.
 
     Raises:
         UsageProblem: the field of view, or whether it is radial, must be said.
     """
-    reading, row = declared.reading, declared.row
+    reading, row, width = declared.reading, declared.row, declared.samples.values.shape[1]
     geometry = geometry_of(declared)
     if geometry == "ask":
         problem = "leaves open whether the numbers are depth or the distance to the point"
@@ -130,7 +130,7 @@ def focal_of(declared: Declared, width: int, lens_focal: float | None) -> float 
     if reading.fov is not None and reading.focal_px is not None:
         raise UsageProblem("--fov", "stands beside --focal-px", "give one of them")
     if reading.focal_px is not None:
-        return reading.focal_px
+        return reading.focal_px * width / picture_width  # it is that of the colour
     if reading.fov is not None:
         return width / 2 / math.tan(math.radians(reading.fov) / 2)
     if row.focal_px is not None:

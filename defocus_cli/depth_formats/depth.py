@@ -107,8 +107,8 @@ def read_depth(
         )
     if row.stride != 1:
         samples = _strided(samples, row.stride)
-    width = samples.values.shape[1]
-    decoding = resolved(path, reading, samples, width=width, lens_focal=lens_focal)
+    width = samples.values.shape[1] if size is None else size[0]
+    decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
     metres, half_sky = _decode(samples, decoding, keeping)
     marks = _apply_marks(path, row, samples, metres)
     by_custom = samples.type == "16-bit PNG" and not reading.says_scale

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from defocus_cli.depth_formats.declared import Declared, ask, focal_of, refuse_idle
@@ -32,7 +33,7 @@ def resolved(
     reading: DepthReading,
     samples: Samples,
     *,
-    width: int,
+    picture_width: int,
     lens_focal: float | None,
 ) -> Decoding:
     """How the numbers of a file become depth.
@@ -41,7 +42,7 @@ def resolved(
         path: the file.
         reading: what the user says of it.
         samples: its numbers.
-        width: of the picture in px.
+        picture_width: px of the colour, or of the depth if there is no colour.
         lens_focal: focal length of the lens in widths of its sensor, None if there is no lens.
 
     Raises:
@@ -60,20 +61,16 @@ def resolved(
     sky = reading.sky
     if sky is None:
         sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
-    focal = focal_of(declared, width, lens_focal)
+    focal = focal_of(declared, picture_width, lens_focal)
     geometry = "" if focal is None else f", radial with a focal length of {focal:.6g} px"
-    return Decoding(
-        rule,
-        decoding.scale,
-        decoding.shift,
-        decoding.focal_baseline,
-        decoding.ends,
-        sky,
-        row.sky_numbers,
-        row.invalid,
-        row.invalid_infinity,
-        focal,
-        f"{decoding.words}{geometry}",
+    return replace(
+        decoding,
+        sky=sky,
+        sky_numbers=row.sky_numbers,
+        invalid=row.invalid,
+        invalid_infinity=row.invalid_infinity,
+        focal_px=focal,
+        words=f"{decoding.words}{geometry}",
     )
 
 

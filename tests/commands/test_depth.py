@@ -366,3 +366,13 @@ def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path: Path) -> No
     last = (tmp_path / "o" / "journal.jsonl").read_text().splitlines()[-1]
     record = json.loads(last)
     assert record["inputs"]["depth_sidecar"]["path"].endswith("calib.txt")
+
+
+def test_the_focal_length_of_the_colour_holds_for_smaller_depth(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")  # 24 × 16
+    small = write_exr(tmp_path / "z.exr", Z=ramp(12, 8))
+    args = (color, small, "--resize-depth", "nearest", "--radial", "--outputs", "coc")
+    render(*args, "-o", tmp_path / "o")
+    render(*args, "-o", tmp_path / "p", "--focal-px", repr(50 / 36 * 24))
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
+    np.testing.assert_allclose(of[1], of[0], atol=1e-6)

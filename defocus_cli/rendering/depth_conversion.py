@@ -1,4 +1,4 @@
-"""The conversion of depth files to EXR, as ``defocus depth`` makes and tells it."""
+"""Depth files converted to EXR: where each goes, what may be replaced, and its preview."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Reading
 from defocus_cli.system.arrays import bands
-from defocus_cli.system.console import counted, version
+from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError, UsageProblem
 from defocus_cli.system.safe_files import written_together
 
@@ -141,26 +141,3 @@ class _Disparity:
 
     def __getitem__(self, rows: slice) -> Any:
         return (self._nearest / self._metres[rows])[:, :, None]
-
-
-def record(converted: Converted) -> dict[str, Any]:
-    """A conversion in plain values."""
-    height, width = converted.depth.metres.shape
-    return {
-        "file": str(converted.place.file),
-        "out": str(converted.place.out),
-        "size": [width, height],
-        "range_m": converted.range_m,
-        "sky_pixels": converted.sky,
-        "replaced_pixels": converted.depth.replaced,
-        "note": converted.depth.note,
-    }
-
-
-def line(converted: Converted) -> str:
-    """A conversion in words."""
-    ends = converted.range_m
-    reach = "all sky" if ends is None else f"{ends[0]:.6g} m to {ends[1]:.6g} m"
-    sky = f", {counted(converted.sky, 'sky pixel')}" if converted.sky else ""
-    place = converted.place
-    return f"{place.file} → {place.out}: {reach}{sky} ({converted.depth.note})"
