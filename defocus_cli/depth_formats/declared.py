@@ -119,7 +119,7 @@ def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -
     Raises:
         UsageProblem: the field of view, or whether it is radial, must be said.
     """
-    reading, row, width = declared.reading, declared.row, declared.samples.values.shape[1]
+    reading, row, width = declared.reading, declared.row, declared.samples.width
     geometry = geometry_of(declared)
     if geometry == "ask":
         problem = "leaves open whether the numbers are depth or the distance to the point"

@@ -107,7 +107,7 @@ def read_depth(
         )
     if row.stride != 1:
         samples = _strided(samples, row.stride)
-    width = samples.values.shape[1] if size is None else size[0]
+    width = samples.width if size is None else size[0]
     decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
     metres, half_sky = _decode(samples, decoding, keeping)
     marks = _apply_marks(path, row, samples, metres)

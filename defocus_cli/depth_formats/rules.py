@@ -177,7 +177,7 @@ def decoded(
     """
     import numpy as np
 
-    with np.errstate(over="ignore"):  # a double beyond float32 is sky
+    with np.errstate(over="ignore"):  # as below
         metres = _metres(numbers, decoding)
     if decoding.focal_px is not None:
         import torch
@@ -187,39 +187,37 @@ def decoded(
         distance = torch.from_numpy(metres.astype(np.float64))
         planar = planar_depth(distance, decoding.focal_px, first_row=first_row, height=height)
         metres = planar.numpy().astype(np.float32)
-    sky = is_sky(numbers, decoding)
-    if sky.any():
-        metres = np.where(sky, np.float32(np.inf), metres)
-    invalid = is_marked_invalid(numbers, decoding)
-    return np.where(invalid, np.float32(np.nan), metres) if invalid.any() else metres
+    for marked, value in ((is_sky, np.inf), (is_marked_invalid, np.nan)):
+        pixels = marked(numbers, decoding)
+        if pixels is not None and pixels.any():
+            metres = np.where(pixels, np.float32(value), metres)
+    return metres
 
 
-def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_]:
-    """Which numbers say that they are sky."""
+def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+    """Which numbers say that they are sky; None if none can."""
     import numpy as np
 
     if decoding.rule == "radius":
-        return np.zeros(numbers.shape, bool)
+        return None
     if decoding.rule == "inverse":
         sky: NDArray[np.bool_] = numbers <= np.float32(decoding.sky)
     else:
-        with np.errstate(over="ignore"):
-            sky = numbers.astype(np.float32) >= np.float32(decoding.sky)
+        with np.errstate(over="ignore"):  # a double beyond float32 is sky
+            sky = numbers.astype(np.float32, copy=False) >= np.float32(decoding.sky)
     for number in decoding.sky_numbers:
         sky |= numbers == number
     return sky
 
 
-def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_]:
-    """Which numbers the format itself sets aside as no depth."""
+def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+    """Which numbers the format sets aside as no depth; None if none. NaN stays NaN by any rule."""
     import numpy as np
 
-    invalid: NDArray[np.bool_] = np.isnan(numbers)
-    for number in decoding.invalid:
-        invalid |= numbers == number
+    marked = [numbers == number for number in decoding.invalid]
     if decoding.invalid_infinity:
-        invalid |= np.isposinf(numbers)
-    return invalid
+        marked.append(np.isposinf(numbers))
+    return np.logical_or.reduce(marked) if marked else None
 
 
 def _metres(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.float32]:
@@ -228,7 +226,7 @@ def _metres(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.float32]:
 
     plain = decoding.rule in ("scale", "radius") and (decoding.scale, decoding.shift) == (1, 0)
     if plain:
-        return numbers.astype(np.float32)
+        return numbers.astype(np.float32, copy=False)
     scaled: NDArray[np.float64] = numbers.astype(np.float64) * decoding.scale
     if decoding.shift:
         scaled += decoding.shift

@@ -35,6 +35,11 @@ class Samples:
     holes: NDArray[np.bool_] | None = None
 
     @property
+    def width(self) -> int:
+        """Of the map in px."""
+        return int(self.values.shape[1])
+
+    @property
     def top(self) -> float:
         """The greatest number of the type: 255, 65535, …; 1 of floats."""
         import numpy as np
