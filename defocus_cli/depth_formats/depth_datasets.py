@@ -6,7 +6,7 @@ by ``--invalid far`` or ``--invalid fill``.
 
 from __future__ import annotations
 
-from defocus_cli.depth_formats.rules import FLOATS, DepthFormat, Mask
+from defocus_cli.depth_formats.rules import FLOATS, UNREAL_DEPTH, DepthFormat, Mask
 
 _PNG16 = ("16-bit PNG",)
 _BEYOND_20000 = 20000.002  # the next float32
@@ -166,7 +166,7 @@ DEPTH_DATASETS = (
         title="BEDLAM and BEDLAM2",
         files=("EXR",),
         scale=1 / 100,
-        channels=("Depth", "FinalImageMovieRenderQueue_WorldDepth*", "*.Depth"),
+        channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
     ),
     DepthFormat(

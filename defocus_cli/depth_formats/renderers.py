@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from defocus_cli.depth_formats.rules import ANY, FLOATS, DepthFormat
+from defocus_cli.depth_formats.rules import ANY, FLOATS, UNREAL_DEPTH, DepthFormat
 
 _SCENE = "units of the scene, as metres unless --depth-unit says otherwise"
 _ALPHA = f"{_SCENE}; where alpha is 0 is sky"
@@ -72,10 +72,7 @@ RENDERERS = (
         title="Unreal, Movie Render Queue",
         files=("EXR",),
         scale=1 / 100,
-        channels=(
-            *("FinalImageMovieRenderQueue_WorldDepth*", "FinalImagePWWorldDepth*"),
-            *("ImageDepth*", "*WorldDepth*", "R"),
-        ),
+        channels=(*UNREAL_DEPTH, "ImageDepth.R", "ImageDepth*", "*WorldDepth*", "R"),
         sky=1e6,
         sky_numbers=(65504,),
         aliases=("unreal",),

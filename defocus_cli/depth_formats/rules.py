@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 HALF_MAX = 65504.0  # the largest number that half can hold
 SKY = 1e10  # Blender's far clip: numbers from this one on are sky in every format of depth
 FLOATS = ("EXR", "PFM", "NPY", "NPZ", "float TIFF")
+# R, G and B of it are equal, A is 1; a fault of its writer spoils what follows the dot.
+UNREAL_DEPTH = tuple(
+    f"FinalImage{writer}WorldDepth{end}"
+    for writer in ("MovieRenderQueue_", "PW")
+    for end in (".R", "*")
+)
 ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer NPY", "HDF5")
 
 

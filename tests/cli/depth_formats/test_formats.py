@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 from command_line import read_exr, refused, run, write_exr
 from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
@@ -344,15 +345,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "vision-blender": lambda f: _npz(f, depth_map=marked(sky=1e10), normal_map=np.ones((3, 4, 3))),
     "kubric": lambda f: _npz(f, "--planar", depth=marked(sky=INF)),
     "mitsuba": lambda f: _radial_exr(f, "depth"),
-    "unreal-mrq": lambda f: _exr_of(
-        f,
-        "FinalImageMovieRenderQueue_WorldDepth.R",
-        sky=65504 * 3e3,
-        factor=100,
-        R=DEPTH,
-        G=DEPTH * 2,
-        B=DEPTH,
-    ),
+    "unreal-mrq": lambda f: _unreal(f),
     "unity-perception": lambda f: _radial_exr(f, "R", "--radial"),
     "carla": _carla,
     "habitat": lambda f: _npy_of(f, hole=0),
@@ -420,6 +413,17 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "apple-heic": _heic,
     "android-gdepth": _gdepth,
 }
+
+
+def _unreal(folder: Path) -> Example:
+    numbers = marked(DEPTH * 100, sky=65504 * 3e3)
+    depth = {f"FinalImageMovieRenderQueue_WorldDepth.{c}": numbers for c in "RGB"}
+    depth["FinalImageMovieRenderQueue_WorldDepth.A"] = numbers * 0 + 1
+    color = {"R": DEPTH, "G": DEPTH * 2, "B": DEPTH, "A": DEPTH * 0 + 1}
+    path = folder / "a.exr"
+    planes = {name: np.float32(values) for name, values in (depth | color).items()}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
+    return Example(path, metres(sky=True))
 
 
 def _quarter(folder: Path) -> Example:
