@@ -74,8 +74,8 @@ def refuse_idle(declared: Declared, rule: str) -> None:
         and not disparity
         and geometry_of(declared) != "radial",
     }
-    for option, said in idle.items():
-        if said:
+    for option, means_nothing in idle.items():
+        if means_nothing:
             kind = "disparity" if disparity else row.name
             if reading.depth_format is None and not disparity:
                 kind = "planar depth"

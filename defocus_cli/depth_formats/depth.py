@@ -96,14 +96,14 @@ def read_depth(
         lens_focal: focal length of the lens in widths of its sensor, None if there is none.
 
     Raises:
-        InputError: the file cannot be read, or what its depth is cannot be told.
+        InputError: the file cannot be read, or what its depth is stays open.
         UsageProblem: an option is missing or makes no sense for this file.
     """
     row = reading.row
     samples = read_numbers(path, reading, keeping, size)
     if row.weights or row.bits:
         samples = Samples(
-            unpacked(samples.values[:], row), samples.type, samples.words, told=samples.told
+            unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
         )
     if row.stride != 1:
         samples = _strided(samples, row.stride)
@@ -166,7 +166,7 @@ def resized(depth: Depth, size: tuple[int, int], keeping: Keeping) -> Depth:
 def _strided(samples: Samples, step: int) -> Samples:
     """Every so many rows and columns."""
     values = samples.values[::step, ::step]
-    return Samples(values, samples.type, samples.words, samples.channel, samples.told)
+    return Samples(values, samples.type, samples.words, samples.channel, samples.metadata)
 
 
 def _decode(samples: Samples, decoding: Decoding, keeping: Keeping) -> tuple[Any, bool]:
@@ -198,11 +198,11 @@ def _apply_marks(path: Path, row: DepthFormat, samples: Samples, metres: Any) ->
         marks.append((samples.holes, np.nan))
         words.append(f"holes of {row.holes}")
     if row.mask is not None:
-        found = marked_pixels(row.mask, path, metres.shape)
-        if found is None:
+        mask = marked_pixels(row.mask, path, metres.shape)
+        if mask is None:
             words.append("no mask beside it")
         else:
-            pixels, place = found
+            pixels, place = mask
             marks.append((pixels, np.nan if row.mask.marks == "invalid" else np.inf))
             words.append(f"mask {place.name}")
     for pixels, value in marks:

@@ -64,8 +64,8 @@ def _chosen(path: Path, headers: Sequence[Header], reading: DepthReading) -> Dep
     row, named = reading.row, reading.depth_channel
     if named is None and (row.channels or row.plane is not None):
         every = channels_of(path, headers, reading.part)
-        if (found := _by_pattern(row, every)) is not None:
-            return found
+        if (known := _by_pattern(row, every)) is not None:
+            return known
     try:
         return choose_depth(path, headers, channel=named, part=reading.part)
     except NoDepthChannel as error:

@@ -63,13 +63,13 @@ def read_numbers(
         samples = Samples(read_bare(path), bare_type(head), bare_type(head))
     elif is_heic(head):
         photo = read_heic(path)
-        told = {**photo.told, "top": 255.0}
-        samples = Samples(photo.values, "HEIC", "HEIC depth image", told=told)
+        metadata = {**photo.metadata, "top": 255.0}
+        samples = Samples(photo.values, "HEIC", "HEIC depth image", metadata=metadata)
     elif is_jpeg(head) and "GDepth" in row.files:
         photo = read_gdepth(path)
         samples = Samples(photo.values, "GDepth", "GDepth image")
         samples = Samples(
-            photo.values, "GDepth", "GDepth image", told={**photo.told, "top": samples.top}
+            photo.values, "GDepth", "GDepth image", metadata={**photo.metadata, "top": samples.top}
         )
     else:
         samples = _from_raster(path, reading, keeping)
@@ -172,7 +172,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
         raise InputError(path, "holds deep data", "flatten it first")
     bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(raster.type, raster.type)
     kind = f"{bits} {path.suffix[1:].upper()}"
-    told = png_text(path) if row.sidecar == "text-chunks" else {}
+    metadata = png_text(path) if row.sidecar == "text-chunks" else {}
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
     dtype = dtypes.get(raster.type, np.float32)
     size = raster.height, raster.width
@@ -191,7 +191,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
             raise InputError(path, problem, "save the depth as a single grey channel")
         values[window] = samples[:, :, 0]
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
-    return Samples(values, file_type, kind, told=told)
+    return Samples(values, file_type, kind, metadata=metadata)
 
 
 def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:

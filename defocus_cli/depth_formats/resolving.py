@@ -50,7 +50,7 @@ def resolved(
         InputError: a sidecar cannot be understood, or the type of file has no custom.
     """
     row = reading.row
-    facts = facts_of(row.sidecar, path, samples.told) if row.sidecar else None
+    facts = facts_of(row.sidecar, path, samples.metadata) if row.sidecar else None
     declared = Declared(path, reading, row, samples, facts)
     rule = _rule(declared)
     refuse_idle(declared, rule)
@@ -83,16 +83,16 @@ def _own_sky(samples: Samples, row: DepthFormat) -> float:
 def _rule(declared: Declared) -> str:
     """scale, inverse, log or radius: of the format, or by --depth-kind."""
     reading, rule = declared.reading, declared.rule
-    said = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
+    by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:
-        if said is None:
+        if by_kind is None:
             ask(declared, "depth-kind", "depth or disparity")
-        return said
-    if said is not None and said != rule:
+        return by_kind
+    if by_kind is not None and by_kind != rule:
         holds = {"scale": "depth", "inverse": "disparity"}.get(rule, declared.row.title)
         problem = f"contradicts --depth-format {declared.row.name}, which is {holds}"
         raise UsageProblem("--depth-kind", problem, "leave one of them out")
-    if reading.depth_range is not None and reading.depth_format is None and said is None:
+    if reading.depth_range is not None and reading.depth_format is None and by_kind is None:
         problem = "does not say whether the numbers are depth or disparity"
         raise UsageProblem("--depth-range", problem, "add --depth-kind disparity, or depth")
     return rule
@@ -153,7 +153,9 @@ def _of_depth(declared: Declared) -> Decoding:
         unit = custom(samples) if reading.depth_scale is None else "m"
         if unit is None:
             problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
-            raise InputError(declared.path, problem, "say --depth-unit mm")
+            named = samples.type == "HEIC"
+            remedy = "say --depth-format apple-heic" if named else "say --depth-unit mm"
+            raise InputError(declared.path, problem, remedy)
     words = UNIT_WORDS.get(unit or "", "")
     scale = row.scale * UNITS[unit or "m"]
     if row.integer_scale is not None and samples.is_integer:

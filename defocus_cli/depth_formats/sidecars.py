@@ -51,13 +51,13 @@ class Facts:
     radial: bool = False
 
 
-def facts_of(name: str, path: Path, told: Mapping[str, Any]) -> Facts | None:
+def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None:
     """What the sidecar of a depth file says; None if there is no such file.
 
     Args:
         name: of the kind of sidecar, as a row has it.
         path: the depth file.
-        told: what the depth file says beside its pixels.
+        metadata: what the depth file says beside its pixels.
 
     Raises:
         InputError: the sidecar cannot be understood.
@@ -65,7 +65,7 @@ def facts_of(name: str, path: Path, told: Mapping[str, Any]) -> Facts | None:
     place = path
     try:
         if name in _OF_FILE:
-            return _OF_FILE[name](told)
+            return _OF_FILE[name](metadata)
         for place in _PLACES[name](path):
             if place.is_file():
                 return _OF_SIDECAR[name](place, path)
@@ -81,8 +81,8 @@ def _text(path: Path) -> str:
 
 
 def _number_at_end(path: Path) -> str:
-    found = re.search(r"(\d+)\D*$", path.stem)
-    return found[1] if found else path.stem
+    digits = re.search(r"(\d+)\D*$", path.stem)
+    return digits[1] if digits else path.stem
 
 
 def _calib(path: Path, _: Path) -> Facts:
@@ -130,35 +130,35 @@ def _extrinsics(path: Path, depth: Path) -> Facts:
     return Facts(f"{own.name}/{path.name}", _positive(focal), _positive(baseline))
 
 
-def _text_chunks(told: Mapping[str, Any]) -> Facts | None:
+def _text_chunks(metadata: Mapping[str, Any]) -> Facts | None:
     """MoGe: near and far, and a unit in files of its first version."""
-    if not {"near", "far"} <= told.keys():
+    if not {"near", "far"} <= metadata.keys():
         return None
-    unit = float(told.get("unit", 1))
-    near, far = (_positive(float(told[key]) * unit) for key in ("near", "far"))
+    unit = float(metadata.get("unit", 1))
+    near, far = (_positive(float(metadata[key]) * unit) for key in ("near", "far"))
     return Facts("text chunks near and far", ends=(near, far))
 
 
-def _heic(told: Mapping[str, Any]) -> Facts:
+def _heic(metadata: Mapping[str, Any]) -> Facts:
     """HEIC: uniform disparity in 1/m from d_min to d_max over the 255 steps of 8 bits."""
-    kind = int(told.get("representation_type", 1))
+    kind = int(metadata.get("representation_type", 1))
     if kind != 1:
         raise ValueError(f"representation_type {kind}, not the 1 of uniform disparity")
-    least, most = float(told["d_min"]), float(told["d_max"])
-    return Facts("d_min and d_max", scale=(most - least) / told["top"], shift=least)
+    least, most = float(metadata["d_min"]), float(metadata["d_max"])
+    return Facts("d_min and d_max", scale=(most - least) / metadata["top"], shift=least)
 
 
-def _gdepth(told: Mapping[str, Any]) -> Facts:
+def _gdepth(metadata: Mapping[str, Any]) -> Facts:
     """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
-    unit = {"m": 1.0, "mm": 1e-3}[str(told.get("Units", "m"))]
-    near, far = (_positive(float(told[key]) * unit) for key in ("Near", "Far"))
-    radial = told.get("MeasureType") == "OpticRay"
-    source, top = f"GDepth {told['Format']}", float(told["top"])
-    if told["Format"] == "RangeInverse":
+    unit = {"m": 1.0, "mm": 1e-3}[str(metadata.get("Units", "m"))]
+    near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
+    radial = metadata.get("MeasureType") == "OpticRay"
+    source, top = f"GDepth {metadata['Format']}", float(metadata["top"])
+    if metadata["Format"] == "RangeInverse":
         scale, shift = (1 / far - 1 / near) / top, 1 / near
         return Facts(source, scale=scale, shift=shift, rule="inverse", radial=radial)
-    if told["Format"] != "RangeLinear":
-        raise ValueError(f"Format {told['Format']}")
+    if metadata["Format"] != "RangeLinear":
+        raise ValueError(f"Format {metadata['Format']}")
     return Facts(source, scale=(far - near) / top, shift=near, rule="scale", radial=radial)
 
 
@@ -220,8 +220,8 @@ def marked_pixels(
         return None
     values = _mask_values(place)
     if values.shape != shape:
-        told, wanted = (f"{w}x{h} px" for h, w in (values.shape, shape))
-        raise InputError(place, f"is {told} and {path} is {wanted}", _CHECK)
+        own, depth = (f"{w}x{h} px" for h, w in (values.shape, shape))
+        raise InputError(place, f"is {own} and {path} is {depth}", _CHECK)
     if isinstance(mask.where, int):
         return values == mask.where, place
     return (values == 0) == (mask.where == "zero"), place

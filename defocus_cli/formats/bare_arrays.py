@@ -43,13 +43,13 @@ def read_bare(path: Path) -> NDArray[Any]:
             raise InputError(path, "is truncated in its header", _AGAIN)
         width, height = struct.unpack("<2i", head[4:12])
         return _rows(path, 12, width, height)
-    found = _COLMAP.match(head)
-    assert found is not None
-    width, height, channels = (int(number) for number in found.groups())
+    header = _COLMAP.match(head)
+    assert header is not None
+    width, height, channels = (int(number) for number in header.groups())
     if channels != 1:
         problem = f"has {channels} channels; depth is one"
         raise InputError(path, problem, "name a file of depth_maps, not of normal_maps")
-    return _rows(path, found.end(), width, height)
+    return _rows(path, header.end(), width, height)
 
 
 def read_headerless(path: Path, size: tuple[int, int]) -> NDArray[Any]:

@@ -143,7 +143,7 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
     except ImportError:
         problem = "is an HDF5 file, which is read with h5py, and h5py is not installed"
         raise InputError(path, problem, "run: pip install 'defocus[hdf5]'") from None
-    found: list[tuple[str, Entry]] = []
+    entries: list[tuple[str, Entry]] = []
 
     def load(name: str, index: int | None) -> NDArray[Any]:
         with h5py.File(path, "r") as file:
@@ -157,11 +157,11 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
         shape, dtype = getattr(item, "shape", None), getattr(item, "dtype", None)
         if shape and dtype is not None and dtype.kind in _NUMERIC and not name.startswith("#"):
             loader = _loading(path, lambda index: load(name, index))
-            found.append((name, Entry(tuple(shape), dtype.name, loader)))
+            entries.append((name, Entry(tuple(shape), dtype.name, loader)))
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-    yield from found
+    yield from entries
 
 
 def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:

@@ -35,12 +35,12 @@ class PhotoDepth:
 
     Attributes:
         values: integers [H, W] as they are stored.
-        told: what the file says of them: near, far, format, units, measure of GDepth; d_min,
+        metadata: what the file says of them: near, far, format, units, measure of GDepth; d_min,
             d_max, representation_type of HEIC.
     """
 
     values: NDArray[Any]
-    told: dict[str, Any]
+    metadata: dict[str, Any]
 
 
 def is_heic(head: bytes) -> bool:
@@ -89,11 +89,11 @@ def read_gdepth(path: Path) -> PhotoDepth:
     read_head(path)
     with path.open("rb") as file:
         packet = b"".join(_xmp(file.read()))
-    told = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
-    told |= dict(_ELEMENT.findall(packet))
-    if b"Data" not in told:
+    metadata = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
+    metadata |= dict(_ELEMENT.findall(packet))
+    if b"Data" not in metadata:
         raise InputError(path, "has no GDepth in its XMP", "check what took or edited it")
-    data = told.pop(b"Data")
+    data = metadata.pop(b"Data")
     try:
         values = _decoded(base64.b64decode(data, validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
@@ -102,7 +102,7 @@ def read_gdepth(path: Path) -> PhotoDepth:
         raise InputError(path, problem, "copy the photograph again") from error
     words = {
         name.decode("ascii", "replace"): text.decode("utf-8", "replace")
-        for name, text in told.items()
+        for name, text in metadata.items()
     }
     return PhotoDepth(values, words)
 

@@ -36,7 +36,7 @@ def one_of(words: Sequence[str]) -> Callable[[str], str]:
 
 
 def format_name(text: str) -> str:
-    """The name of a depth format, or one of its aliases; the nearest are told of any other."""
+    """The name of a depth format, or one of its aliases; the nearest are named for any other."""
     from difflib import get_close_matches
 
     name = text.lower()
@@ -44,8 +44,8 @@ def format_name(text: str) -> str:
         return name
     near = get_close_matches(name, NAMES, n=3, cutoff=0.5)
     near = list(dict.fromkeys([*(n for n in NAMES if name in n or n in name), *near]))[:4]
-    told = f"did you mean {' or '.join(near)}? " if near else ""
-    remedy = f"{told}'defocus help depth' lists all of them"
+    nearest = f"did you mean {' or '.join(near)}? " if near else ""
+    remedy = f"{nearest}'defocus help depth' lists all of them"
     raise QuantityError(f"'{text}' is no depth format", remedy)
 
 
@@ -157,8 +157,8 @@ def lens_file_reading(file: Path | None) -> dict[str, Any]:
 
 def make_reading(fields: Mapping[str, Any], below: Mapping[str, Any]) -> Reading:
     """The reading of fields that were said, over those of a lens file."""
-    said = {name: value for name, value in fields.items() if value is not None}
-    return Reading(**{**below, **said})
+    options = {name: value for name, value in fields.items() if value is not None}
+    return Reading(**{**below, **options})
 
 
 def _parsed(name: str, value: object, where: str) -> Any:

@@ -15,9 +15,11 @@ from defocus_cli.depth_formats.file_types import read_numbers
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.samples import Samples
 from defocus_cli.depth_formats.table import ROWS
+from defocus_cli.formats.photo_depth import is_heic, is_jpeg
 from defocus_cli.formats.png_text import png_text
 from defocus_cli.system.arrays import IN_MEMORY, bands
 from defocus_cli.system.errors import UserError
+from defocus_cli.system.safe_files import read_head
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 _TOP = 65535
 _SEVERAL = 0.001  # share of pixels
+_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 # Names of channels and arrays that only one format has.
 _TELLING_NAMES = {
     "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
@@ -37,7 +40,6 @@ _TELLING_NAMES = {
     "nyu-mat": ("rawDepths",),
     "spring": ("disparity",),
     "vision-blender": ("depth_map",),
-    "megadepth": ("depth",),
 }
 _BESIDE = {
     "middlebury": ("PFM", "calib.txt"),
@@ -53,24 +55,37 @@ _EDGE, _STEP, _BETWEEN = 1.25, 0.02, 0.15
 _EDGES, _MIXED = 50, 0.25
 
 
+def may_be_depth(info: FileInfo) -> bool:
+    """Whether a file is an EXR, arrays, one channel, or a photograph that holds depth."""
+    lone = len(info.parts[0].channels) == 1
+    return info.path.suffix.lower() == ".exr" or lone or _has_gdepth(info.path)
+
+
+def _has_gdepth(path: Path) -> bool:
+    head = read_head(path, _XMP_BYTES)
+    return is_jpeg(head) and b"GDepth:" in head
+
+
 def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str, ...]:
     """Sentences on the formats that a depth file could be of, and on faults that show.
 
     Args:
         path: the file.
-        reading: what the user says of it; with a format, only faults are told.
+        reading: what the user says of it; with a format, only faults.
         info: what its header says.
     """
-    told = [] if reading.depth_format is not None else [*_of_names(path, info)]
+    sentences = [] if reading.depth_format is not None else [*_of_names(path, info)]
+    if _has_gdepth(path):
+        return tuple(sentences)
     try:
-        said = reading if reading.says_scale else replace(reading, depth_scale=1.0)
-        samples = read_numbers(path, said, IN_MEMORY, None)
+        scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
+        samples = read_numbers(path, scaled, IN_MEMORY, None)
     except UserError:  # another line of the report says why
-        return tuple(told)
+        return tuple(sentences)
     if reading.depth_format is None:
-        told += _of_numbers(path, samples)
-    told += _faults(samples)
-    return tuple(told)
+        sentences += _of_numbers(path, samples)
+    sentences += _faults(samples)
+    return tuple(sentences)
 
 
 def _of_names(path: Path, info: FileInfo) -> Iterator[str]:
@@ -80,6 +95,10 @@ def _of_names(path: Path, info: FileInfo) -> Iterator[str]:
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:
             yield f"{hits[0]}: {_say(name)}"
+    if _has_gdepth(path):
+        yield f"GDepth in its XMP: {_say('android-gdepth')}"
+    if is_heic(read_head(path)):
+        yield f"a depth image beside the picture: {_say('apple-heic')}"
     kind = path.suffix[1:].upper()
     for name, (file_type, place) in _BESIDE.items():
         if kind == file_type and path.with_name(place.format(stem=path.stem)).is_file():
@@ -99,9 +118,9 @@ def _of_numbers(path: Path, samples: Samples) -> Iterator[str]:
             yield f"{_TOP} in {_percent(top)} of the 16-bit pixels: {_say(*names)}"
         if zero >= _SEVERAL:
             names = [r.name for r in _rows_of("16-bit PNG") if 0 in r.invalid and r.rule == "scale"]
-            told = ", ".join(names[:5])
+            some = ", ".join(names[:5])
             yield (
-                f"0 in {_percent(zero)} of the 16-bit pixels: holes of {told} and others, or far "
+                f"0 in {_percent(zero)} of the 16-bit pixels: holes of {some} and others, or far "
                 "away by a network; say --depth-format, and --invalid far or fill for holes"
             )
     if samples.type == "8-bit PNG":

@@ -83,7 +83,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
     from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
-    from defocus_cli.reports.depth_evidence import evidence_of
+    from defocus_cli.reports.depth_evidence import evidence_of, may_be_depth
     from defocus_cli.system.safe_files import read_head
 
     info = describe(path)
@@ -105,14 +105,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
                 raise
             depth_note = _clause(error)  # the file is the colour of another one
     maps = _maps(info)
-    depth_like = _may_be_depth(info) or (depth is not None and reading.says_scale)
+    depth_like = may_be_depth(info) or (depth is not None and reading.says_scale)
     evidence = evidence_of(path, reading, info) if depth_like and not maps else ()
     return Inspection(info, color, color_note, depth, depth_note, maps, evidence)
-
-
-def _may_be_depth(info: FileInfo) -> bool:
-    """Whether a file is no mere picture: an EXR, a file of arrays, or of one channel."""
-    return info.path.suffix.lower() == ".exr" or len(info.parts[0].channels) == 1
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import ramp, run, write_exr
-from depth_files import npy, pfm, png, with_text
-from optional_libraries import with_hdf5, write_hdf5
+from command_line import ramp, refused, run, write_exr
+from depth_files import gdepth, npy, pfm, png, with_text
+from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
 
 from defocus_cli.depth_formats.table import FORMATS
 
@@ -18,7 +18,8 @@ def evidence(path: Path, *args: str) -> str:
     assert ran.code == 0, ran.err
     (record,) = ran.json["files"]
     told: list[str] = record["evidence"]
-    assert all(f"  {each}" in run("info", path, *args).out for each in told)
+    shown = run("info", path, *args).out
+    assert all(f"  {each}" in shown for each in told)
     return "\n".join(told)
 
 
@@ -105,3 +106,20 @@ def test_every_format_that_is_named_exists() -> None:
     from defocus_cli.reports import depth_evidence as module
 
     assert {*module._TELLING_NAMES, *module._BESIDE} <= FORMATS.keys()
+
+
+def test_gdepth_in_a_photograph(tmp_path: Path) -> None:
+    image = png(tmp_path / "d.png", ramp() * 50, np.uint8).read_bytes()
+    path = gdepth(tmp_path / "a.jpg", image, Format="RangeLinear", Near=1, Far=5, Units="m")
+    told = "GDepth in its XMP: android-gdepth; say --depth-format android-gdepth"
+    assert evidence(path) == told
+    assert "depth: 1.78431 m to" in run("info", path, "--depth-format", "android-gdepth").out
+
+
+def test_the_depth_image_of_a_heic_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
+    (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
+    assert "say --depth-format apple-heic" in evidence(tmp_path / "a.heic")
+    refused(run("depth", tmp_path / "a.heic", "-o", tmp_path / "z.exr"), 3, "apple-heic")
+    ran = run("info", tmp_path / "a.heic", "--depth-format", "apple-heic")
+    assert "depth: 0.5 m to 10 m" in ran.out
