@@ -57,39 +57,34 @@ def refuse_idle(declared: Declared, rule: str) -> None:
         UsageProblem: one is said.
     """
     reading, row = declared.reading, declared.row
-    disparity = rule == "inverse"
-    unit = reading.depth_unit is not None
-    idle = {
-        "depth-unit": unit and ((disparity and not row.per_metre) or not row.unitless),
-        "depth-range": reading.depth_range is not None
-        and row.name not in ("metres", "disparity")
-        and "depth-range" not in row.needs
-        and row.rule != "",
-        "baseline": reading.baseline is not None and not disparity,
-        "doffs": reading.doffs is not None and not disparity,
+    disparity, radial = rule == "inverse", geometry_of(declared) == "radial"
+    in_px = disparity and not row.per_metre  # disparity of two cameras
+    has_range = row.name in ("metres", "disparity") or "depth-range" in row.needs or not row.rule
+    has_unit = row.unitless and (not disparity or row.per_metre)
+    has_scale = rule in ("scale", "inverse") and (
+        declared.facts is None or not declared.facts.scale
+    )
+    means_nothing = {
+        "depth-unit": reading.depth_unit is not None and not has_unit,
+        "depth-range": reading.depth_range is not None and not has_range,
+        "depth-scale": reading.depth_scale is not None and not has_scale,
+        "baseline": reading.baseline is not None and not in_px,
+        "doffs": reading.doffs is not None and not in_px,
+        "focal-px": reading.focal_px is not None and not (in_px or radial),
+        "fov": reading.fov is not None and not radial,
         "radial": reading.geometry == "radial" and disparity,
-        "depth-scale": reading.depth_scale is not None and rule in ("log", "radius"),
-        "fov": reading.fov is not None and geometry_of(declared) != "radial",
-        "focal-px": reading.focal_px is not None
-        and not disparity
-        and geometry_of(declared) != "radial",
     }
-    for option, means_nothing in idle.items():
-        if means_nothing:
-            kind = "disparity" if disparity else row.name
-            if reading.depth_format is None and not disparity:
-                kind = "planar depth"
-            raise UsageProblem(f"--{option}", f"means nothing for {kind}", "leave it out")
-    if reading.depth_range is not None:
-        for option, value in (
-            ("depth-unit", reading.depth_unit),
-            ("depth-scale", reading.depth_scale),
-            ("baseline", reading.baseline),
-            ("doffs", reading.doffs),
-        ):
-            if value is not None:
-                remedy = "give one of them"
-                raise UsageProblem(f"--{option}", "stands beside --depth-range", remedy)
+    for option in (option for option, idle in means_nothing.items() if idle):
+        kind = "disparity" if disparity else row.name
+        if reading.depth_format is None and not disparity:
+            kind = "planar depth"
+        raise UsageProblem(f"--{option}", f"means nothing for {kind}", "leave it out")
+    if reading.depth_range is None:
+        return
+    for option in ("depth_unit", "depth_scale", "baseline", "doffs"):
+        if getattr(reading, option) is not None:
+            name = f"--{option.replace('_', '-')}"
+            raise UsageProblem(name, "stands beside --depth-range", "give one of them")
 
 
 def ask(declared: Declared, option: str, value: str) -> NoReturn:

@@ -15,7 +15,7 @@ from defocus_cli.formats.containers import Entry, container_type, read_entries
 from defocus_cli.formats.exr_channels import require_part
 from defocus_cli.formats.exr_header import is_exr
 from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
-from defocus_cli.formats.photo_depth import is_heic, is_jpeg, read_gdepth, read_heic
+from defocus_cli.formats.photo_depth import PhotoDepth, is_heic, is_jpeg, read_gdepth, read_heic
 from defocus_cli.formats.png_text import png_text
 from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
 from defocus_cli.system.arrays import Keeping
@@ -62,15 +62,9 @@ def read_numbers(
     elif bare_type(head):
         samples = Samples(read_bare(path), bare_type(head), bare_type(head))
     elif is_heic(head):
-        photo = read_heic(path)
-        metadata = {**photo.metadata, "top": 255.0}
-        samples = Samples(photo.values, "HEIC", "HEIC depth image", metadata=metadata)
+        samples = _from_photo(read_heic(path), "HEIC")
     elif is_jpeg(head) and "GDepth" in row.files:
-        photo = read_gdepth(path)
-        samples = Samples(photo.values, "GDepth", "GDepth image")
-        samples = Samples(
-            photo.values, "GDepth", "GDepth image", metadata={**photo.metadata, "top": samples.top}
-        )
+        samples = _from_photo(read_gdepth(path), "GDepth")
     else:
         samples = _from_raster(path, reading, keeping)
     return _allowed(path, samples, reading)
@@ -87,6 +81,12 @@ def _allowed(path: Path, samples: Samples, reading: DepthReading) -> Samples:
 
 def _article(kind: str) -> str:
     return f"{'an' if kind[0] in 'aeiouEHN8' else 'a'} {kind}"
+
+
+def _from_photo(photo: PhotoDepth, file_type: str) -> Samples:
+    """Numbers of a depth image in a photograph, of unsigned integers."""
+    metadata = {**photo.metadata, "top": 2.0 ** (8 * photo.values.itemsize) - 1}
+    return Samples(photo.values, file_type, f"{file_type} depth image", metadata=metadata)
 
 
 def _from_map(path: Path, reading: DepthReading) -> Samples:

@@ -170,11 +170,11 @@ def _of_depth(declared: Declared) -> Decoding:
 
 def _of_disparity(declared: Declared) -> Decoding:
     reading, row, facts = declared.reading, declared.row, declared.facts
-    samples = declared.samples
     if (ends := _ends(declared)) is not None:
         _within(declared)
-        scale, shift = disparity_range(*ends, samples.top)
-        words = f"disparity, 0 is {ends[1]:.6g} m and {samples.top:.6g} is {ends[0]:.6g} m"
+        top = declared.samples.top
+        scale, shift = disparity_range(*ends, top)
+        words = f"disparity, 0 is {ends[1]:.6g} m and {top:.6g} is {ends[0]:.6g} m"
         return Decoding("inverse", scale, shift, words=words)
     if facts is not None and facts.scale is not None:
         words = f"{row.name}, {facts.source}"
@@ -185,6 +185,16 @@ def _of_disparity(declared: Declared) -> Decoding:
         unit = UNITS[reading.depth_unit or "m"]
         scale = row.scale * (reading.depth_scale or 1.0)
         return Decoding("inverse", scale, focal_baseline=unit, words=f"{row.name}, 1 / z")
+    return _by_calibration(declared)
+
+
+def _by_calibration(declared: Declared) -> Decoding:
+    """Disparity by focal length and baseline, or by a scale alone.
+
+    Raises:
+        UsageProblem: neither is said.
+    """
+    reading, row, facts = declared.reading, declared.row, declared.facts
     beside = Facts("") if facts is None else facts
     own_baseline = None if reading.baseline is None else reading.baseline / MM_PER_M
     focal = _first(reading.focal_px, beside.focal_px, row.focal_px)

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import write_exr
 from depth_files import matlab, npy, pfm, png
 from image_files import save
-from optional_libraries import HDF5_MAGIC, HEIC_MAGIC
+from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
 
 from defocus_cli.depth_formats.depth import Depth, read_depth
 from defocus_cli.depth_formats.reading import DepthReading
@@ -122,6 +123,10 @@ def test_from_a_number_on_is_sky(tmp_path: Path) -> None:
         ({"depth_range": (1, 2)}, "--depth-range: does not say whether .* add --depth-kind"),
         ({"depth_range": (1, 1), "depth_kind": "depth"}, "has the same distance twice"),
         ({"depth_range": (1, 2), "depth_kind": "depth", "depth_scale": 2.0}, "stands beside"),
+        (
+            {"depth_range": (1, 2), "depth_kind": "disparity", "doffs": 2.0},
+            "--doffs: stands beside",
+        ),
         ({"depth_kind": "disparity", "depth_unit": "cm"}, "--depth-unit: means nothing for disp"),
     ],
 )
@@ -222,3 +227,21 @@ def test_a_mask_of_another_size_is_refused(tmp_path: Path) -> None:
     npy(tmp_path / "a_mask.npy", np.ones((2, 2)))
     with pytest.raises(InputError, match=r"a_mask\.npy: is 2x2 px and .*a\.npy is 3x2 px"):
         read(npy(tmp_path / "a.npy", np.ones((2, 3))), depth_format="diode")
+
+
+@pytest.mark.parametrize("option", ["baseline", "doffs", "focal_px"])
+def test_disparity_in_1_over_metres_has_no_calibration(option: str, tmp_path: Path) -> None:
+    path = write_exr(tmp_path / "a.exr", Z=np.ones((2, 3), np.float32))
+    name = option.replace("_", "-")
+    with pytest.raises(UsageProblem, match=f"--{name}: means nothing for disparity"):
+        read(path, depth_format="nuke-scanline", **{option: 1.0})
+    assert read(path, depth_format="nuke-scanline", depth_unit="cm").metres[0, 0] == 0.01 / 1
+
+
+def test_a_scale_means_nothing_where_the_file_says_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
+    (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
+    with pytest.raises(UsageProblem, match="--depth-scale: means nothing"):
+        read(tmp_path / "a.heic", depth_format="apple-heic", depth_scale=2.0)
