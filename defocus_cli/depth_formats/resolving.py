@@ -98,11 +98,19 @@ def _rule(declared: Declared) -> str:
     return rule
 
 
-def _ends(declared: Declared) -> tuple[float, float] | None:
-    """Near and far in metres, where a range is said."""
-    ends = declared.reading.depth_range
+def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
+    """Near and far in metres, where a range is said.
+
+    Raises:
+        UsageProblem: the format needs a range, or of disparity a scale, and neither is said.
+    """
+    reading, row = declared.reading, declared.row
+    ends, is_relative = reading.depth_range, "depth-range" in row.needs or not row.rule
     if ends is None:
-        if "depth-range" in declared.row.needs:
+        if disparity and is_relative and reading.depth_scale is None:
+            remedy = "NEAR FAR, like 1m 20m; or --depth-scale and --doffs, as 1/z = scale v + doffs"
+            ask(declared, "depth-range", remedy)
+        if not disparity and "depth-range" in row.needs:
             ask(declared, "depth-range", "NEAR FAR, like 1m 20m")
         return None
     near, far = (end / MM_PER_M for end in ends)
@@ -137,7 +145,7 @@ def _within(declared: Declared) -> None:
 
 def _of_depth(declared: Declared) -> Decoding:
     reading, row, samples = declared.reading, declared.row, declared.samples
-    if (ends := _ends(declared)) is not None:
+    if (ends := _ends(declared, disparity=False)) is not None:
         _within(declared)
         scale, shift = depth_range(*ends, samples.top)
         words = f"depth, 0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
@@ -170,7 +178,7 @@ def _of_depth(declared: Declared) -> Decoding:
 
 def _of_disparity(declared: Declared) -> Decoding:
     reading, row, facts = declared.reading, declared.row, declared.facts
-    if (ends := _ends(declared)) is not None:
+    if (ends := _ends(declared, disparity=True)) is not None:
         _within(declared)
         top = declared.samples.top
         scale, shift = disparity_range(*ends, top)

@@ -142,6 +142,19 @@ def test_floats_beyond_0_and_1_have_no_range(tmp_path: Path) -> None:
     words = "has floats from 0 to 4523, and --depth-range is of 0 and 1; give --depth-scale"
     with pytest.raises(InputError, match=words):
         read(path, depth_format="midas", depth_range=(1000.0, 9000.0))
+    metres = read(path, depth_format="midas", depth_scale=1e-4, doffs=0.05).metres
+    np.testing.assert_allclose(metres, [[1 / 0.05, 1 / 0.5023]])
+
+
+def test_relative_disparity_of_a_video_needs_a_range(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", depths=np.full((3, 4), 0.5))
+    said = {"depth_format": "video-depth-anything", "depth_kind": "disparity"}
+    with pytest.raises(
+        UsageProblem, match=r"leaves --depth-range open.* or --depth-scale and --do"
+    ):
+        read(tmp_path / "a.npz", **said)
+    metres = read(tmp_path / "a.npz", **said, depth_range=(1000.0, math.inf)).metres
+    assert metres[0, 0] == 2
 
 
 @pytest.mark.parametrize(
