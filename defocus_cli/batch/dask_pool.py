@@ -14,8 +14,8 @@ from importlib.util import find_spec
 from typing import Any
 
 from defocus_cli.batch import job_result
-from defocus_cli.batch.execution import Chunk, Done
 from defocus_cli.batch.job_result import failed
+from defocus_cli.batch.plan import Chunk, Done, Execute
 from defocus_cli.jobs.job import Job, Picture
 from defocus_cli.journal import identity
 from defocus_cli.journal.plain_values import plain, typed
@@ -26,7 +26,7 @@ AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
 _CONNECT = "30s"
 
 
-def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
+def execute_at(address: str, *, threads: int | None) -> Execute:
     """What does jobs on a scheduler; a job computes with ``threads``, or one as Dask has it.
 
     Raises:

@@ -1,17 +1,46 @@
-"""The plan of a batch: jobs that are done already, and jobs that are left to do."""
+"""The plan of a batch: how its jobs are done, which are done already, and which are left to do."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_cli.batch.execution import How
+from defocus_cli.batch.job_result import Result
 from defocus_cli.batch.output_checks import refuse_misplaced, refuse_unknown
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
 from defocus_cli.journal.journal import Record, Shard, read_all
 from defocus_cli.journal.ledger import Ledger
+
+Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
+Done = Callable[[int, Result], None]
+Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
+
+
+@dataclass(frozen=True)
+class How:
+    """How a batch is to be carried out.
+
+    Attributes:
+        execute: does jobs; called with chunks of them, with the function to call with the number
+            and result of each job, and with the function that tells that no further job is to be
+            begun.
+        shard: which part of the batch; None for all of it.
+        limit: at most so many jobs.
+        fail_fast: stop at the first job that fails.
+        read_inputs: compare the bytes of inputs, not only their size and time.
+        again: do jobs whatever the journal says of them.
+        spread: over how many workers the jobs of one picture are to be spread.
+    """
+
+    execute: Execute
+    shard: Shard | None = None
+    limit: int | None = None
+    fail_fast: bool = False
+    read_inputs: bool = False
+    again: bool = False
+    spread: int = 1
 
 
 @dataclass(frozen=True)

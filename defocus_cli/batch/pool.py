@@ -16,8 +16,8 @@ from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.batch import worker
-from defocus_cli.batch.execution import Chunk, Done
 from defocus_cli.batch.job_result import failed
+from defocus_cli.batch.plan import Chunk, Done, Execute
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal.run_file import sweep_up_after
 from defocus_cli.system.errors import InputError
@@ -216,8 +216,8 @@ class _Worker:
             sweep_up_after(self.process.pid, files)
 
 
-def execute_in(processes: int) -> Callable[..., None]:
-    """What does jobs in so many processes."""
+def execute_in(processes: int) -> Execute:
+    """An executor of jobs in so many processes."""
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         Pool(processes, chunks, done, stopped).run()

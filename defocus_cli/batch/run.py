@@ -14,10 +14,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from defocus_cli.batch.execution import Chunk, How
 from defocus_cli.batch.job_result import Result
 from defocus_cli.batch.output_checks import refuse_unwritable
-from defocus_cli.batch.plan import Plan, make_plan
+from defocus_cli.batch.plan import Chunk, How, Plan, make_plan
 from defocus_cli.batch.superseded_files import Remains
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file

@@ -8,8 +8,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.batch import run
-from defocus_cli.batch.execution import How
-from defocus_cli.batch.plan import make_plan
+from defocus_cli.batch.plan import How, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.jobs.job import Job, Outputs
 from defocus_cli.jobs.jobs_file import read_jobs

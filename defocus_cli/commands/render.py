@@ -7,9 +7,8 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch import local_process, run
-from defocus_cli.batch.execution import How
-from defocus_cli.batch.plan import make_plan
+from defocus_cli.batch import pipeline, run
+from defocus_cli.batch.plan import How, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
@@ -88,17 +87,15 @@ def command(
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
     how = functools.partial(How, read_inputs=check_inputs == "hash")
     if dry_run:
-        dry_runs.tell(
-            jobs, make_plan(jobs, outputs.root, how(local_process.execute)), as_json=as_json
-        )
+        dry_runs.tell(jobs, make_plan(jobs, outputs.root, how(pipeline.execute)), as_json=as_json)
         return
     told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
         with told.bar("picture"):
-            summary = run.carry_out(jobs, outputs.root, how(local_process.execute), told)
+            summary = run.carry_out(jobs, outputs.root, how(pipeline.execute), told)
     else:
         with batch_report.tile_bar() as tile_count:
-            alone = local_process.execute_alone(tile_count)
+            alone = pipeline.execute_alone(tile_count)
             summary = run.carry_out(jobs, outputs.root, how(alone), told)
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})

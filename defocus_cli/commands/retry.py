@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch.execution import How
+from defocus_cli.batch.plan import How
 from defocus_cli.commands.batch import carry_out
 from defocus_cli.dataset import sample_index
 from defocus_cli.journal.journal import read_all, require_journal

@@ -24,7 +24,7 @@ from command_line import (
     texture,
 )
 
-from defocus_cli.batch import local_process
+from defocus_cli.batch import pipeline
 from defocus_cli.rendering import job_steps
 
 __all__ = ["folders", "in_process"]
@@ -263,7 +263,7 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(local_process, "execute", killed)
+        patched.setattr(pipeline, "execute", killed)
         assert again(folders, out).code == 130
     ran = again(folders, out)
     assert ran.code == 0, ran.err

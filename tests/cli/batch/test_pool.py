@@ -15,7 +15,7 @@ import fake_worker
 import pytest
 from jobs_files import chunks_of
 
-from defocus_cli.batch.execution import Chunk
+from defocus_cli.batch.plan import Chunk
 from defocus_cli.batch.pool import STRIKES, Pool
 from defocus_cli.jobs.job import Lens
 from defocus_cli.system.errors import InputError
