@@ -55,7 +55,8 @@ class Plan:
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
         again: how many of those to do, now or later, have a record that theirs will replace.
-        replaced: by number in ``todo``, records of which a job replaces some files and not all.
+        previews: by number in ``todo``, path and stamp of previews of the pictures that a job
+            replaces without a preview of its own.
         left: files that runs which did not end were about to write, and that no journal knows.
     """
 
@@ -65,7 +66,7 @@ class Plan:
     beyond: int
     changed: int
     again: int
-    replaced: dict[int, list[Record]]
+    previews: dict[int, dict[str, identity.Stamp]]
     left: frozenset[str]
 
 
@@ -98,9 +99,12 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     refuse_unknown([job for job, _ in now], ledger.files | run_file.begun(out))
     begun = run_file.begun(out, how.shard) - ledger.files
     left = frozenset(name for name in begun if (out / name).exists())
-    parts = ((number, ledger.replaced(job)) for number, (job, _) in enumerate(now))
-    replaced = {number: records for number, records in parts if records}
-    return Plan(now, settled, moved, len(todo) - len(now), changed, again, replaced, left)
+    previews = {
+        number: stamps
+        for number, (job, _) in enumerate(now)
+        if (stamps := ledger.previews_replaced(job))
+    }
+    return Plan(now, settled, moved, len(todo) - len(now), changed, again, previews, left)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:

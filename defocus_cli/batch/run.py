@@ -17,7 +17,6 @@ from typing import Any, Protocol
 from defocus_cli.batch.job_result import Result
 from defocus_cli.batch.output_checks import refuse_unwritable
 from defocus_cli.batch.plan import Chunk, How, Plan, make_plan
-from defocus_cli.batch.superseded_files import Remains
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
 from defocus_cli.journal.journal import Journal, Record, input_path, journal_path
@@ -148,7 +147,6 @@ class _Batch:
     ) -> None:
         self.plan, self.out, self.how, self.listener = plan, out, how, listener
         self.run, self.journal, self.summary, self.interrupts = run, journal, summary, interrupts
-        self.remains = Remains(out)
         self.stopping = False
 
     def do(self, require_lock: Check) -> None:
@@ -163,8 +161,6 @@ class _Batch:
             self.how.execute(self.chunks(), done, self.stopped)
         finally:
             self.summary.seconds = time.perf_counter() - start
-            for line in self.remains.lines():
-                console.say(line)
 
     def stopped(self) -> bool:
         """Whether no further job is to be begun."""
@@ -184,11 +180,12 @@ class _Batch:
         if result["reason"] == "no-space":  # nobody else will find any
             raise NoSpace(*result["message"].split(": ", 1))
         record = record_of(job, self.plan.todo[number][1], self.out, result)
-        if result["status"] == "ok":
-            self.remains.beside(record, self.plan.replaced.pop(number, ()))
         self.journal.append(record)
         if result["status"] == "ok":
             self.run.known(job.names.values())
+            for path, stamp in self.plan.previews.pop(number, {}).items():
+                if identity.unchanged(self.out / path, stamp):
+                    (self.out / path).unlink()
         self.summary.left -= 1
         self.summary.statuses[result["status"]] += 1
         self.summary.warned += bool(result["warnings"])

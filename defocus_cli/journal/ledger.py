@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from defocus_cli.formats.kinds import KINDS, PREVIEW
+from defocus_cli.formats.kinds import PREVIEW
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
 from defocus_cli.journal.journal import Record, input_path, without_collections
@@ -43,19 +43,18 @@ class Ledger:
         """Whether a record speaks of a file that a job writes."""
         return any(name in self._last for name in job.names.values())
 
-    def replaced(self, job: Job) -> list[Record]:
-        """The records of finished jobs of which a job replaces some files, but not all."""
-        if not self.knows(job):
-            return []
-        every = replace(job.outputs, kinds=tuple(KINDS), preview=True).names(job.sample_id)
-        own = set(job.names.values())
-        others = {id(record): record for name in every.values() if (record := self._last.get(name))}
-        return [
-            record
-            for record in others.values()
-            if record["status"] == "ok"
-            and 0 < len(own & set(_files(record))) < len(record["outputs"])
-        ]
+    def previews_replaced(self, job: Job) -> dict[str, identity.Stamp]:
+        """Path and stamp of the previews of pictures that a job replaces, and which it leaves."""
+        if job.outputs.preview or not self.knows(job):
+            return {}
+        with_previews = replace(job.outputs, preview=True).names(job.sample_id)
+        return {
+            path: record["outputs"][name]
+            for name, path in with_previews.items()
+            if name.endswith(PREVIEW)
+            and (record := self._last.get(path)) is not None
+            and record["status"] == "ok"
+        }
 
     def settled(self, job: Job, *, recipe: str, read_inputs: bool) -> Record | None:
         """The record by which a job need not be done again; None if it has to be.

@@ -406,3 +406,14 @@ def test_another_picture_of_the_same_name_is_refused(
     one[0].rename(tmp_path / "moved.exr")
     assert render(*other, "-o", out, "--blades", "5").code == 0
     assert computed == ["a", "a", "a"]
+
+
+def test_a_preview_goes_with_the_picture_that_it_shows(
+    folders: tuple[Path, Path], out: Path
+) -> None:
+    previews = [out / "coc" / f"{stem}.preview.png" for stem in "abc"]
+    again(folders, out, "--preview")
+    assert all(map(Path.exists, previews))
+    previews[1].write_bytes(b"somebody's own")
+    again(folders, out, "--fnumber", "4")
+    assert [path.exists() for path in previews] == [False, True, False]
