@@ -116,8 +116,9 @@ def _carried_out(
             run_file.take_over(out)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
-                batch = _Batch(plan, out, how, listener, run, journal, summary, interrupts)
-                batch.do(require_lock)
+                _Batch(
+                    plan, out, how, listener, journal, summary, interrupts, require_lock
+                ).do()
             require_lock()
         except LockLost:  # the note of the run is another's by now
             raise
@@ -131,34 +132,26 @@ def _carried_out(
     return summary
 
 
+@dataclass
 class _Batch:
     """Jobs being done."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        out: Path,
-        how: How,
-        listener: Listener,
-        run: Undertaking,
-        journal: Journal,
-        summary: Summary,
-        interrupts: Interrupts,
-    ) -> None:
-        self.plan, self.out, self.how, self.listener = plan, out, how, listener
-        self.run, self.journal, self.summary, self.interrupts = run, journal, summary, interrupts
-        self.stopping = False
+    plan: Plan
+    out: Path
+    how: How
+    listener: Listener
+    run: Undertaking
+    journal: Journal
+    summary: Summary
+    interrupts: Interrupts
+    require_lock: Check
+    stopping: bool = False
 
-    def do(self, require_lock: Check) -> None:
+    def do(self) -> None:
         """Do all, or as many as the user and the disk let us."""
         start = time.perf_counter()
-
-        def done(number: int, result: Result) -> None:
-            require_lock()
-            self.done(number, result)
-
         try:
-            self.how.execute(self.chunks(), done, self.stopped)
+            self.how.execute(self.chunks(), self.done, self.stopped)
         finally:
             self.summary.seconds = time.perf_counter() - start
 
@@ -176,10 +169,11 @@ class _Batch:
 
     def done(self, number: int, result: Result) -> None:
         """Write down what became of a job."""
-        job = self.plan.todo[number][0]
+        self.require_lock()
+        job, recipe = self.plan.todo[number]
         if result["reason"] == "no-space":  # nobody else will find any
             raise NoSpace(*result["message"].split(": ", 1))
-        record = record_of(job, self.plan.todo[number][1], self.out, result)
+        record = record_of(job, recipe, self.out, result)
         self.journal.append(record)
         if result["status"] == "ok":
             self.run.known(job.names.values())

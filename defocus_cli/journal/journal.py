@@ -29,7 +29,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 from defocus_cli.journal.record_check import fault_of, folders_outside
@@ -207,10 +206,9 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.count = 0
         self._new = not path.exists()
         try:
-            self._number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             self._cut_torn_tail()
         except OSError as error:
             raise unwritable(path, error) from error
@@ -235,17 +233,11 @@ class Journal:
         if self._new:
             sync_folder(self.path.parent)
             self._new = False
-        self.count += 1
 
     def __enter__(self) -> Journal:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
                 self._require_in_place()
@@ -263,16 +255,11 @@ class Journal:
 
     def _cut_torn_tail(self) -> None:
         """Remove a record that was being written when its writer died; end the last whole line."""
-        size = os.fstat(self._number).st_size
-        tail, start = b"", size
-        while start and b"\n" not in tail.rstrip(b"\n"):
-            step = min(2**16, start)
-            start -= step
-            tail = os.pread(self._number, step, start) + tail
-        last = tail.rstrip(b"\n").rpartition(b"\n")[2]
+        data = self.path.read_bytes()
+        last = data.rstrip(b"\n").rpartition(b"\n")[2]
         if last and not _is_whole(last):
-            os.ftruncate(self._number, size - len(tail) + tail.rindex(last))
-        elif last and not tail.endswith(b"\n"):
+            os.ftruncate(self._number, data.rindex(last))
+        elif last and not data.endswith(b"\n"):
             os.write(self._number, b"\n")
 
 
