@@ -54,10 +54,10 @@ class Plan:
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
-        again: how many of those to do, now or later, have a record that theirs will replace.
+        files: the outputs of each job to do, now or later, relative to OUT.
         previews: by number in ``todo``, path and stamp of previews of the pictures that a job
             replaces without a preview of its own.
-        left: files that runs which did not end were about to write, and that no journal knows.
+        unknown: files that runs which did not end have written, and that no journal knows.
     """
 
     todo: list[tuple[Job, str]]
@@ -65,9 +65,9 @@ class Plan:
     moved: list[Record]
     beyond: int
     changed: int
-    again: int
+    files: list[list[str]]
     previews: dict[int, dict[str, identity.Stamp]]
-    left: frozenset[str]
+    unknown: set[str]
 
 
 def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
@@ -80,7 +80,7 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     ledger = Ledger(out, read_all(out))
     todo: list[tuple[Job, str]] = []
     settled: list[tuple[Job, Record]] = []
-    changed = again = 0
+    changed = 0
     forced = how.again or any(job.outputs.overwrite for job in jobs)
     for job in jobs if how.shard is None else _part(jobs, how.shard):
         recipe = identity.recipe(job)
@@ -91,20 +91,20 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
             settled.append((job, record))
             continue
         todo.append((job, recipe))
-        again += ledger.knows(job)
         changed += not forced and any(name in ledger.files for name in job.names.values())
     moved = [record for _, record in settled if not ledger.has(record)]
     now = todo if how.limit is None else todo[: how.limit]
-    ledger.refuse_other_pictures(job for job, _ in now)
-    refuse_unknown([job for job, _ in now], ledger.files | run_file.begun(out))
-    begun = run_file.begun(out, how.shard) - ledger.files
-    left = frozenset(name for name in begun if (out / name).exists())
+    ledger.refuse_other_pictures(job for job, _ in todo)
+    refuse_unknown([job for job, _ in todo], ledger.files | run_file.planned_files(out))
+    planned = run_file.planned_files(out, how.shard) - ledger.files
+    unknown = {name for name in planned if (out / name).exists()}
     previews = {
         number: stamps
         for number, (job, _) in enumerate(now)
         if (stamps := ledger.previews_replaced(job))
     }
-    return Plan(now, settled, moved, len(todo) - len(now), changed, again, previews, left)
+    files = [list(job.names.values()) for job, _ in todo]
+    return Plan(now, settled, moved, len(todo) - len(now), changed, files, previews, unknown)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:

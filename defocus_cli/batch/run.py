@@ -19,9 +19,9 @@ from defocus_cli.batch.output_checks import refuse_unwritable
 from defocus_cli.batch.plan import Chunk, How, Plan, make_plan
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
-from defocus_cli.journal.journal import Journal, Record, input_path, journal_path
+from defocus_cli.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_cli.journal.lock import Check, LockLost, locked
-from defocus_cli.journal.run_file import Undertaking
+from defocus_cli.journal.run_file import RunPlan
 from defocus_cli.system import console
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.interrupts import Interrupts
@@ -105,29 +105,32 @@ def _carried_out(
                 journal.append(record)
         plan.moved.clear()
     if not plan.todo:
-        if not plan.left:
+        if not plan.unknown and not how.again:
             path.unlink(missing_ok=True)
         return summary
-    others = run_file.left(out) if how.again else 0  # what a batch that was stopped has left
-    begun = {"jobs": summary.jobs, "left": left + others, "again": plan.again, "begun": _now()}
+    earlier = run_file.plan_of(out) if how.again else None
+    others = earlier.left(read_all(out)) if earlier else []  # jobs that a stopped batch has left
+    own = {name for files in plan.files for name in files}
+    others = [files for files in others if own.isdisjoint(files)]
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        run = Undertaking(path, begun, plan.left, others=others)
+        RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)
+        plan.files.clear()
         if how.shard is None and not how.again:
-            run_file.take_over(out)
+            run_file.forget_shards(out)
         try:
             with Journal(journal_path(out, how.shard)) as journal:
-                _Batch(
-                    plan, out, how, listener, journal, summary, interrupts, require_lock
-                ).do()
+                _Batch(plan, out, how, listener, journal, summary, interrupts, require_lock).do()
             require_lock()
-        except LockLost:  # the note of the run is another's by now
+        except LockLost:  # the plan of the run is another's by now
             raise
         except BaseException:
-            run.end(done=len(jobs) == 1)
+            if len(jobs) == 1 and not plan.unknown and not others:
+                path.unlink(missing_ok=True)
             raise
         if how.shard is None:
             run_file.sweep_up(out)
-        run.end(done=summary.left == 0, settled=True)
+        if not summary.left and not plan.unknown and not others:
+            path.unlink(missing_ok=True)
     summary.interrupted = interrupts.asked
     return summary
 
@@ -140,7 +143,6 @@ class _Batch:
     out: Path
     how: How
     listener: Listener
-    run: Undertaking
     journal: Journal
     summary: Summary
     interrupts: Interrupts
@@ -160,11 +162,10 @@ class _Batch:
         return self.stopping or self.interrupts.asked
 
     def chunks(self) -> Iterator[Chunk]:
-        """Jobs of one picture at a time; asked for one, we say that its files will be written."""
+        """Jobs of one picture at a time."""
         for chunk in _chunks(self.plan.todo, self.how.spread):
             if self.stopped():
                 return
-            self.run.begin(name for _, job in chunk for name in job.names.values())
             yield chunk
 
     def done(self, number: int, result: Result) -> None:
@@ -176,7 +177,7 @@ class _Batch:
         record = record_of(job, recipe, self.out, result)
         self.journal.append(record)
         if result["status"] == "ok":
-            self.run.known(job.names.values())
+            self.plan.unknown.difference_update(job.names.values())
             for path, stamp in self.plan.previews.pop(number, {}).items():
                 if identity.unchanged(self.out / path, stamp):
                     (self.out / path).unlink()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from defocus_cli.formats.kinds import PREVIEW
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
-from defocus_cli.journal.journal import Record, input_path, without_collections
+from defocus_cli.journal.journal import Record, files_of, input_path, without_collections
 from defocus_cli.system.errors import InputError
 
 
@@ -27,7 +27,7 @@ class Ledger:
         self._last: dict[str, Record] = {}
         with without_collections():
             for record in records:
-                for path in _files(record):
+                for path in files_of(record):
                     self._last.pop(path, None)  # the last comes last
                     self._last[path] = record
                     if record["status"] == "ok":
@@ -92,7 +92,7 @@ class Ledger:
 
     def has(self, record: Record) -> bool:
         """Whether this very record is one that the journals have, and not superseded."""
-        return any(self._last.get(path) is record for path in _files(record))
+        return any(self._last.get(path) is record for path in files_of(record))
 
     def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
         """Refuse to replace outputs of another picture that has the same name.
@@ -126,7 +126,3 @@ class Ledger:
         return set(outputs) == set(planned) and all(
             identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
         )
-
-
-def _files(record: Record) -> Iterator[str]:
-    return (stamp["path"] for stamp in record["outputs"].values())

@@ -231,6 +231,9 @@ def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(
     assert not (out / "coc" / "c.exr").is_symlink()
 
 
+PLAN = '{"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/c.exr"]], "unknown": []}'
+
+
 def test_what_a_killed_run_had_begun_is_its_own(
     folders: tuple[Path, Path], out: Path, computed: Computed
 ) -> None:
@@ -238,9 +241,7 @@ def test_what_a_killed_run_had_begun_is_its_own(
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
-    run.write_text(
-        '{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}\n{"files": ["coc/c.exr"]}\n'
-    )
+    run.write_text(PLAN)
     (out / "coc" / f".c.exr.{os.getpid()}.3.tmp").write_text("half")
     computed.clear()
     assert again(folders, out).code == 0
@@ -255,9 +256,7 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
-    run.write_text(
-        '{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}\n{"files": ["coc/c.exr"]}\n'
-    )
+    run.write_text(PLAN)
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
