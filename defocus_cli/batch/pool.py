@@ -236,9 +236,6 @@ def _death(code: int | None, times: int) -> str:
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
     """Processes started in the block never hear Ctrl-C, which is the coordinator's affair."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -100,49 +100,32 @@ def read(path: Path) -> list[Record]:
     except OSError as error:
         remedy = "check its permissions"
         raise InputError(path, f"cannot be read: {reason(error)}", remedy) from error
-    lines = data.split(b"\n")
-    while lines and not lines[-1]:
+    lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
+    if lines and not _is_whole(lines[-1][1]):
         lines.pop()
     outside = folders_outside(path.parent)
     records: list[Record] = []
     with without_collections():
         for start in range(0, len(lines), _BLOCK):
-            block = lines[start : start + _BLOCK]
-            block_records = _parsed_block(block, outside)
-            if block_records is None:
-                one_by_one = _one_by_one(path, block, outside, start, last=len(lines))
-                block_records = list(one_by_one)
-            records += block_records
+            records += _block(path, lines[start : start + _BLOCK], outside)
     return records
 
 
-def _parsed_block(lines: Sequence[bytes], outside: frozenset[str]) -> list[Record] | None:
-    """The records of lines that are all whole, keys shared; None if one line is no record."""
+def _block(
+    path: Path, numbered: Sequence[tuple[int, bytes]], outside: frozenset[str]
+) -> list[Record]:
+    """The records of some lines, which share their keys in memory."""
+    records: list[Any] = []
     with suppress(ValueError, RecursionError):
-        records: list[Record] = _parsed(b"[" + b",".join(filter(None, lines)) + b"]")
-        if not any(fault_of(record, outside) for record in records):
-            return records
-    return None
-
-
-def _one_by_one(
-    path: Path, lines: Sequence[bytes], outside: frozenset[str], start: int, *, last: int
-) -> Iterator[Record]:
-    """The records of lines, each checked by itself, less the last line of all if it is torn."""
-    for number, line in enumerate(lines, start + 1):
-        if not line:
-            continue
-        if _is_whole(line):
-            record = _parsed(line)
-            fault = fault_of(record, outside)
-        elif number == last:
-            return
-        else:
-            record, fault = None, "is broken"
+        records = _parsed(b"[" + b",".join(line for _, line in numbered) + b"]")
+    if len(records) != len(numbered):
+        records = [_parsed(line) if _is_whole(line) else None for _, line in numbered]
+    for (number, line), record in zip(numbered, records, strict=True):
+        fault = "is broken" if record is None else fault_of(record, outside)
         if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
             raise InputError(path, f"line {number}{_of_sample(line)} {fault}", remedy)
-        yield record
+    return records
 
 
 def _of_sample(line: bytes) -> str:
