@@ -1,8 +1,8 @@
 """One job carried out, and its result as a plain dictionary that can be sent between processes.
 
 A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
-device, quality, warnings and seconds as a record of the journal has them, paths aside: outputs are
-relative to the root, inputs have none. ``stats`` are those of the renderer. Where something was
+device, quality, warnings and seconds as a record of the journal has them, but for paths: outputs
+are relative to the root, inputs have none. ``stats`` are those of the renderer. Where something was
 raised, ``trace`` is its traceback if it was a fault, and ``error`` itself is there, for this
 process alone.
 """
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
-NOTHING = dict.fromkeys(("lens", "size", "coc_px", "color_note", "depth_note", "device", "quality"))
+_NO_PICTURE = dict.fromkeys(
+    ("lens", "size", "coc_px", "color_note", "depth_note", "device", "quality")
+)
 
 
 @dataclass(frozen=True)
@@ -60,12 +62,12 @@ class Reader:
         key = (job.picture, job.reading, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
             return replace(self._last[1], job=job, seconds=0.0)
-        self._last = None  # let go of a picture before there is another
+        self._last = None  # free a picture before the next is decoded
         start = time.perf_counter()
         stamps: dict[str, Any] = {}
         try:
             for role, path in job.picture.files.items():
-                with suppress(OSError):  # the decoder says it better
+                with suppress(OSError):  # the decoder reports it
                     stamps[role] = identity.settled_stamp(path)
             loaded = job_steps.load_inputs(job)
         except Exception as error:
@@ -133,5 +135,5 @@ def failure(error: Exception, step: Step, inputs: Mapping[str, Any]) -> Result:
 
 def failed(status: str, reason: str, message: str, inputs: Mapping[str, Any]) -> Result:
     """The result of a job that made nothing."""
-    told = {"status": status, "reason": reason, "message": message, "inputs": dict(inputs)}
-    return {**told, "outputs": {}, **NOTHING, "warnings": [], "seconds": {}, "stats": {}}
+    ended = {"status": status, "reason": reason, "message": message, "inputs": dict(inputs)}
+    return {**ended, "outputs": {}, **_NO_PICTURE, "warnings": [], "seconds": {}, "stats": {}}

@@ -19,7 +19,7 @@ Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
 
 
 @dataclass(frozen=True)
-class How:
+class Execution:
     """How a batch is to be carried out.
 
     Attributes:
@@ -70,7 +70,7 @@ class Plan:
     unknown: set[str]
 
 
-def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
+def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Sort the jobs of a batch into those that are done and those that are to do.
 
     Raises:
@@ -81,22 +81,22 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     todo: list[tuple[Job, str]] = []
     settled: list[tuple[Job, Record]] = []
     changed = 0
-    forced = how.again or any(job.outputs.overwrite for job in jobs)
-    for job in jobs if how.shard is None else _part(jobs, how.shard):
+    forced = execution.again or any(job.outputs.overwrite for job in jobs)
+    for job in jobs if execution.shard is None else _part(jobs, execution.shard):
         recipe = identity.recipe(job)
         record = None
         if not forced:
-            record = ledger.settled(job, recipe=recipe, read_inputs=how.read_inputs)
+            record = ledger.settled(job, recipe=recipe, read_inputs=execution.read_inputs)
         if record is not None:
             settled.append((job, record))
             continue
         todo.append((job, recipe))
         changed += not forced and any(name in ledger.files for name in job.names.values())
     moved = [record for _, record in settled if not ledger.has(record)]
-    now = todo if how.limit is None else todo[: how.limit]
+    now = todo if execution.limit is None else todo[: execution.limit]
     ledger.refuse_other_pictures(job for job, _ in todo)
     refuse_unknown([job for job, _ in todo], ledger.files | run_file.planned_files(out))
-    planned = run_file.planned_files(out, how.shard) - ledger.files
+    planned = run_file.planned_files(out, execution.shard) - ledger.files
     unknown = {name for name in planned if (out / name).exists()}
     previews = {
         number: stamps

@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 Serve = Callable[[Connection], None]
 STRIKES = 3
 AT_ONCE = 3  # jobs of a process: one is read, one rendered and one written
-_STILLBORN = 3  # processes that may die before they are ready
+_FAILED_STARTS = 3  # processes that may die before they are ready
 _GRACE = 10.0  # seconds to end in
-_GLANCE = 0.1  # seconds after which it is seen that all is to stop
+_GLANCE = 0.1  # seconds between two looks at whether all is to stop
 
 
 class Pool:
     """Processes that do jobs.
 
     Args:
-        processes: how many.
+        processes: the number of processes.
         chunks: jobs, in chunks of one picture.
         done: called with number and result of each.
         stopped: whether no further job is to be begun.
@@ -58,7 +58,7 @@ class Pool:
         self.suspects: deque[tuple[int, Job]] = deque()
         self.strikes: Counter[int] = Counter()
         self.waiting: deque[Chunk] = deque()
-        self.stillborn = 0
+        self.failed_starts = 0
 
     def run(self) -> None:
         """Do all jobs, or until stopped.
@@ -68,30 +68,32 @@ class Pool:
             Exception: what ``done`` raised.
         """
         try:
-            self._hire()
+            self._start_workers()
             while self.workers:
                 for each in self.workers:
-                    self._feed(each)
+                    self._send_jobs(each)
                 for each in [each for each in self.workers if self._is_idle(each)]:
-                    each.dismiss()
+                    each.finish()
                     self.workers.remove(each)
-                self._listen()
-                self._hire()
+                self._receive()
+                self._start_workers()
         finally:
             for each in self.workers:
                 each.kill()
 
-    def _hire(self) -> None:
-        """As many processes as there is work for."""
-        while len(self.workers) < self.processes and (self._peek() or self._has_free_suspects()):
-            chunk = self.waiting.popleft() if self._peek() else []
+    def _start_workers(self) -> None:
+        """Start as many processes as there is work for."""
+        while len(self.workers) < self.processes and (
+            self._has_chunk() or self._has_free_suspects()
+        ):
+            chunk = self.waiting.popleft() if self._has_chunk() else []
             self.workers.append(_Worker(self.serve, chunk))
 
     def _has_free_suspects(self) -> bool:
         unready = sum(not each.flight for each in self.workers)
         return len(self.suspects) > unready and not self.stopped()
 
-    def _peek(self) -> bool:
+    def _has_chunk(self) -> bool:
         """Whether there is another chunk."""
         if self.stopped():
             self.waiting.clear()
@@ -100,8 +102,8 @@ class Pool:
             self.waiting.extend(chunk for chunk in (next(self.chunks, None),) if chunk)
         return bool(self.waiting)
 
-    def _feed(self, each: _Worker) -> None:
-        """Give a process what it can take."""
+    def _send_jobs(self, each: _Worker) -> None:
+        """Send a worker the jobs that it can take."""
         if self.stopped():
             each.chunk.clear()
             self.suspects.clear()
@@ -114,18 +116,18 @@ class Pool:
             return
         while len(each.flight) < AT_ONCE and not self.suspects:
             if not each.chunk:
-                if not self._peek():
+                if not self._has_chunk():
                     return
                 each.chunk.extend(self.waiting.popleft())
             each.send(each.chunk.popleft())
 
     def _is_idle(self, each: _Worker) -> bool:
-        """Whether a process that was given what there is has nothing to do."""
+        """Whether a worker has nothing to do after all jobs were sent."""
         waits = each.ready or self.stopped()
         return waits and not each.flight and not each.chunk
 
-    def _listen(self) -> None:
-        """Wait until a process says something or dies."""
+    def _receive(self) -> None:
+        """Wait until a worker sends a result or dies."""
         if not self.workers:
             return
         handles: dict[Any, _Worker] = {each.connection: each for each in self.workers}
@@ -133,28 +135,28 @@ class Pool:
         for each in dict.fromkeys(handles[handle] for handle in wait(list(handles), _GLANCE)):
             try:
                 while each.connection.poll():
-                    self._hear(each, each.connection.recv())
+                    self._handle(each, each.connection.recv())
             except (EOFError, OSError):
-                self._bury(each)
+                self._replace(each)
 
-    def _hear(self, each: _Worker, said: Any) -> None:
+    def _handle(self, each: _Worker, said: Any) -> None:
         if said == worker.READY:
-            each.ready, self.stillborn = True, 0
+            each.ready, self.failed_starts = True, 0
             return
         number, result = said
         if each.flight.pop(number, None) is not None:
             each.alone = False
             self.done(number, result)
 
-    def _bury(self, each: _Worker) -> None:
-        """A process has died: what it had is done again, each by itself."""
+    def _replace(self, each: _Worker) -> None:
+        """A worker has died: each of its jobs is done again, by itself."""
         self.workers.remove(each)
         each.kill()
         if each.told_to_stop:  # and let go of what it had not begun
             return
         if not each.ready:
-            self.stillborn += 1
-            if self.stillborn >= _STILLBORN:
+            self.failed_starts += 1
+            if self.failed_starts >= _FAILED_STARTS:
                 problem = f"die when they start (exit code {each.process.exitcode})"
                 raise InputError("worker processes", problem, "see if 'defocus render' works")
         if each.chunk:
@@ -169,7 +171,7 @@ class Pool:
 
 
 class _Worker:
-    """A process, what it has been given, and what it is to be given next."""
+    """A process, the jobs that it has, and the jobs that it gets next."""
 
     def __init__(self, serve: Serve, chunk: Chunk) -> None:
         context = multiprocessing.get_context("spawn")
@@ -189,7 +191,7 @@ class _Worker:
     def send(self, numbered: tuple[int, Job]) -> None:
         """Give it a job."""
         self.flight[numbered[0]] = numbered[1]
-        with suppress(OSError):  # it is dead, as we shall hear
+        with suppress(OSError):  # it is dead, which `_receive` sees
             self.connection.send(numbered)
 
     def stop(self) -> None:
@@ -199,7 +201,7 @@ class _Worker:
             with suppress(OSError):
                 self.connection.send(None)
 
-    def dismiss(self) -> None:
+    def finish(self) -> None:
         """Let it end, as it has nothing to do."""
         self.stop()
         if self.ready:

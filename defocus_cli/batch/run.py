@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from defocus_cli.batch.job_result import Result
 from defocus_cli.batch.output_checks import refuse_unwritable
-from defocus_cli.batch.plan import Chunk, How, Plan, make_plan
+from defocus_cli.batch.plan import Chunk, Execution, Plan, make_plan
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
 from defocus_cli.journal.journal import Journal, Record, input_path, journal_path, read_all
@@ -35,7 +35,7 @@ class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
 
 
 class Listener(Protocol):
-    """What hears how a batch goes."""
+    """Receives the events of a batch."""
 
     def planned(self, plan: Plan) -> None:
         """Before the first job is done."""
@@ -46,7 +46,7 @@ class Listener(Protocol):
 
 @dataclass
 class Summary:
-    """What came of a batch: jobs by status, those done before aside."""
+    """The result of a batch: jobs by status, without those that were done before."""
 
     jobs: int
     skipped: int
@@ -58,7 +58,7 @@ class Summary:
     interrupted: bool = False
 
 
-def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> Summary:
+def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
     """Do jobs that write to OUT.
 
     Raises:
@@ -79,8 +79,8 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
     except OSError as error:
         raise unwritable(out, error) from error
     try:
-        with locked(out, how.shard, say=console.say) as require_lock:
-            return _carried_out(jobs, out, how, listener, require_lock)
+        with locked(out, execution.shard, say=console.say) as require_lock:
+            return _carried_out(jobs, out, execution, listener, require_lock)
     finally:
         for folder in new:
             with suppress(OSError):  # something was written to it, or it was never made
@@ -88,38 +88,40 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
 
 
 def _carried_out(
-    jobs: Sequence[Job], out: Path, how: How, listener: Listener, require_lock: Check
+    jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
 ) -> Summary:
-    if how.shard is None:  # else others write here
+    if execution.shard is None:  # else others write here
         run_file.sweep_up(out)
-    plan = make_plan(jobs, out, how)
+    plan = make_plan(jobs, out, execution)
     listener.planned(plan)
     settled = len(plan.settled)
     plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
     summary = Summary(settled + left, settled, left)
-    path = run_file.run_path(out, how.shard)
+    path = run_file.run_path(out, execution.shard)
     if plan.moved:
-        with Journal(journal_path(out, how.shard)) as journal:
+        with Journal(journal_path(out, execution.shard)) as journal:
             for record in plan.moved:
                 journal.append(record)
         plan.moved.clear()
     if not plan.todo:
-        if not plan.unknown and not how.again:
+        if not plan.unknown and not execution.again:
             path.unlink(missing_ok=True)
         return summary
-    earlier = run_file.plan_of(out) if how.again else None
+    earlier = run_file.plan_of(out) if execution.again else None
     others = earlier.left(read_all(out)) if earlier else []  # jobs that a stopped batch has left
     own = {name for files in plan.files for name in files}
     others = [files for files in others if own.isdisjoint(files)]
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
         RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)
         plan.files.clear()
-        if how.shard is None and not how.again:
+        if execution.shard is None and not execution.again:
             run_file.forget_shards(out)
         try:
-            with Journal(journal_path(out, how.shard)) as journal:
-                _Batch(plan, out, how, listener, journal, summary, interrupts, require_lock).do()
+            with Journal(journal_path(out, execution.shard)) as journal:
+                _Batch(
+                    plan, out, execution, listener, journal, summary, interrupts, require_lock
+                ).do()
             require_lock()
         except LockLost:  # the plan of the run is another's by now
             raise
@@ -127,7 +129,7 @@ def _carried_out(
             if len(jobs) == 1 and not plan.unknown and not others:
                 path.unlink(missing_ok=True)
             raise
-        if how.shard is None:
+        if execution.shard is None:
             run_file.sweep_up(out)
         if not summary.left and not plan.unknown and not others:
             path.unlink(missing_ok=True)
@@ -141,7 +143,7 @@ class _Batch:
 
     plan: Plan
     out: Path
-    how: How
+    execution: Execution
     listener: Listener
     journal: Journal
     summary: Summary
@@ -150,10 +152,10 @@ class _Batch:
     stopping: bool = False
 
     def do(self) -> None:
-        """Do all, or as many as the user and the disk let us."""
+        """Do all jobs, or those until the user or a full disk stops the batch."""
         start = time.perf_counter()
         try:
-            self.how.execute(self.chunks(), self.done, self.stopped)
+            self.execution.execute(self.chunks(), self.done, self.stopped)
         finally:
             self.summary.seconds = time.perf_counter() - start
 
@@ -163,16 +165,16 @@ class _Batch:
 
     def chunks(self) -> Iterator[Chunk]:
         """Jobs of one picture at a time."""
-        for chunk in _chunks(self.plan.todo, self.how.spread):
+        for chunk in _chunks(self.plan.todo, self.execution.spread):
             if self.stopped():
                 return
             yield chunk
 
     def done(self, number: int, result: Result) -> None:
-        """Write down what became of a job."""
+        """Write the record of a job."""
         self.require_lock()
         job, recipe = self.plan.todo[number]
-        if result["reason"] == "no-space":  # nobody else will find any
+        if result["reason"] == "no-space":  # no other job will find space
             raise NoSpace(*result["message"].split(": ", 1))
         record = record_of(job, recipe, self.out, result)
         self.journal.append(record)
@@ -186,13 +188,13 @@ class _Batch:
         self.summary.warned += bool(result["warnings"])
         if result["reason"]:
             self.summary.reasons[result["reason"]] += 1
-        if result["status"] == "failed" and self.how.fail_fast:
+        if result["status"] == "failed" and self.execution.fail_fast:
             self.stopping = True
         self.listener.ended(job, record, result)
 
 
 def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
-    """What the journal says of a job."""
+    """The record of a job for the journal."""
     places = {role: input_path(path, out) for role, path in job.picture.files.items()}
     inputs = {
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()

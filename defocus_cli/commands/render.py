@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.batch import pipeline, run
-from defocus_cli.batch.plan import How, make_plan
+from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
@@ -85,18 +85,20 @@ def command(
     """Parse the options, render the pictures that are left to do, and report."""
     pictures = with_hidden(find_pictures(color, depth), color, hidden)
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
-    how = functools.partial(How, read_inputs=check_inputs == "hash")
+    execution = functools.partial(Execution, read_inputs=check_inputs == "hash")
     if dry_run:
-        dry_runs.tell(jobs, make_plan(jobs, outputs.root, how(pipeline.execute)), as_json=as_json)
+        dry_runs.tell(
+            jobs, make_plan(jobs, outputs.root, execution(pipeline.execute)), as_json=as_json
+        )
         return
     told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
         with told.bar("picture"):
-            summary = run.carry_out(jobs, outputs.root, how(pipeline.execute), told)
+            summary = run.carry_out(jobs, outputs.root, execution(pipeline.execute), told)
     else:
         with batch_report.tile_bar() as tile_count:
             alone = pipeline.execute_alone(tile_count)
-            summary = run.carry_out(jobs, outputs.root, how(alone), told)
+            summary = run.carry_out(jobs, outputs.root, execution(alone), told)
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})
     if as_json:

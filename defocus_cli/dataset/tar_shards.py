@@ -104,8 +104,8 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     return kept
 
 
-def there(out: Path) -> bool:
-    """Whether OUT has shards."""
+def exist(out: Path) -> bool:
+    """Whether shards exist in OUT."""
     with suppress(OSError):
         return any(_NAME.fullmatch(path.name) for path in (out / FOLDER).iterdir())
     return False

@@ -61,7 +61,7 @@ def refresh(out: Path, done: Collection[str]) -> None:
 
 def _followed(out: Path, records: list[Record]) -> list[Path]:
     """Pack existing shards again if samples changed, so that they hold what the index lists."""
-    if not tar_shards.there(out):
+    if not tar_shards.exist(out):
         return []
     folder, before = out / tar_shards.FOLDER, tar_shards.listed(out)
     if before is None:

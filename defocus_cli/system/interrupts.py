@@ -56,13 +56,13 @@ def terminations() -> Iterator[None]:
 
 @contextmanager
 def put_off() -> Iterator[None]:
-    """Put signals off to the end: an import they hit swallows them, or leaves half a module."""
+    """Delay signals to the end: an import that they interrupt loses them, or half a module."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    arrived: list[int] = []
     before = {
-        number: signal.signal(number, lambda number, _: came.append(number))
+        number: signal.signal(number, lambda number, _: arrived.append(number))
         for number in (signal.SIGINT, *_ENDING)
     }
     try:
@@ -70,7 +70,7 @@ def put_off() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    for number in came:
+    for number in arrived:
         signal.raise_signal(number)
 
 

@@ -23,8 +23,8 @@ DRAFT = '[machine]\nquality = "draft"\n'
 
 def carried_out(folder: Path, text: str) -> tuple[run.Summary, list[Record]]:
     todo, out = jobs(folder, text + DRAFT, inputs=INPUTS), folder / "out"
-    how = run.How(pipeline.execute)
-    summary = run.carry_out(todo, out, how, batch_report.Told(each=False))
+    execution = run.Execution(pipeline.execute)
+    summary = run.carry_out(todo, out, execution, batch_report.Told(each=False))
     return summary, Ledger(out, read_all(out)).live
 
 
