@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Serve = Callable[[Connection], None]
 STRIKES = 3
-AT_ONCE = 3  # jobs of a process: one is read, one rendered and one written
+AT_ONCE = 3  # fewer jobs make a process wait: one is read, one rendered and one written
 _FAILED_STARTS = 3  # processes that may die before they are ready
 _GRACE = 10.0  # seconds to end in
 _GLANCE = 0.1  # seconds between two looks at whether all is to stop
@@ -55,9 +55,9 @@ class Pool:
         self.serve = serve
         self.processes, self.chunks, self.done, self.stopped = processes, chunks, done, stopped
         self.workers: list[_Worker] = []
+        self.returned: deque[Chunk] = deque()  # of workers that died when they started
         self.suspects: deque[tuple[int, Job]] = deque()
         self.strikes: Counter[int] = Counter()
-        self.waiting: deque[Chunk] = deque()
         self.failed_starts = 0
 
     def run(self) -> None:
@@ -72,7 +72,7 @@ class Pool:
             while self.workers:
                 for each in self.workers:
                     self._send_jobs(each)
-                for each in [each for each in self.workers if self._is_idle(each)]:
+                for each in [each for each in self.workers if each.ready and not each.flight]:
                     each.finish()
                     self.workers.remove(each)
                 self._receive()
@@ -82,49 +82,29 @@ class Pool:
                 each.kill()
 
     def _start_workers(self) -> None:
-        """Start as many processes as there is work for."""
-        while len(self.workers) < self.processes and (
-            self._has_chunk() or self._has_free_suspects()
-        ):
-            chunk = self.waiting.popleft() if self._has_chunk() else []
+        """Start as many processes as there is work for, each with a chunk of its own."""
+        while len(self.workers) < self.processes and not self.stopped():
+            without_jobs = sum(not each.flight for each in self.workers)
+            chunk = [] if len(self.suspects) > without_jobs else self._next_chunk()
+            if chunk is None:
+                return
             self.workers.append(_Worker(self.serve, chunk))
 
-    def _has_free_suspects(self) -> bool:
-        unready = sum(not each.flight for each in self.workers)
-        return len(self.suspects) > unready and not self.stopped()
-
-    def _has_chunk(self) -> bool:
-        """Whether there is another chunk."""
-        if self.stopped():
-            self.waiting.clear()
-            return False
-        if not self.waiting:
-            self.waiting.extend(chunk for chunk in (next(self.chunks, None),) if chunk)
-        return bool(self.waiting)
+    def _next_chunk(self) -> Chunk | None:
+        """Jobs that no worker has; None if there are no more."""
+        return self.returned.popleft() if self.returned else next(self.chunks, None)
 
     def _send_jobs(self, each: _Worker) -> None:
         """Send a worker the jobs that it can take."""
         if self.stopped():
-            each.chunk.clear()
             self.suspects.clear()
             each.stop()
-        if not each.ready or each.alone or each.told_to_stop:
-            return
-        if self.suspects and not each.flight:
-            each.alone = True
-            each.send(self.suspects.popleft())
-            return
-        while len(each.flight) < AT_ONCE and not self.suspects:
-            if not each.chunk:
-                if not self._has_chunk():
-                    return
-                each.chunk.extend(self.waiting.popleft())
-            each.send(each.chunk.popleft())
-
-    def _is_idle(self, each: _Worker) -> bool:
-        """Whether a worker has nothing to do after all jobs were sent."""
-        waits = each.ready or self.stopped()
-        return waits and not each.flight and not each.chunk
+        elif self.suspects:
+            if each.ready and not each.flight:
+                each.alone = True
+                each.send([self.suspects.popleft()])
+        elif each.ready and not each.alone and len(each.flight) < AT_ONCE:
+            each.send(self._next_chunk() or [])
 
     def _receive(self) -> None:
         """Wait until a worker sends a result or dies."""
@@ -149,18 +129,19 @@ class Pool:
             self.done(number, result)
 
     def _replace(self, each: _Worker) -> None:
-        """A worker has died: each of its jobs is done again, by itself."""
+        """A worker has died: jobs that it may have begun are done again, each by itself."""
         self.workers.remove(each)
         each.kill()
-        if each.told_to_stop:  # and let go of what it had not begun
+        if each.stopping:  # and let go of what it had not begun
             return
         if not each.ready:
             self.failed_starts += 1
             if self.failed_starts >= _FAILED_STARTS:
                 problem = f"die when they start (exit code {each.process.exitcode})"
                 raise InputError("worker processes", problem, "see if 'defocus render' works")
-        if each.chunk:
-            self.waiting.appendleft(list(each.chunk))
+            if each.flight:
+                self.returned.append(list(each.flight.items()))
+            return
         for number, job in each.flight.items():
             self.strikes[number] += 1
             if self.strikes[number] < STRIKES:
@@ -171,7 +152,7 @@ class Pool:
 
 
 class _Worker:
-    """A process, the jobs that it has, and the jobs that it gets next."""
+    """A process, and the jobs that it has; the first of them wait until it has started."""
 
     def __init__(self, serve: Serve, chunk: Chunk) -> None:
         context = multiprocessing.get_context("spawn")
@@ -182,30 +163,30 @@ class _Worker:
         with _without_interrupts():
             self.process.start()
         theirs.close()
-        self.chunk = deque(chunk)
         self.flight: dict[int, Job] = {}
         self.ready = False
         self.alone = False
-        self.told_to_stop = False
+        self.stopping = False
+        self.send(chunk)
 
-    def send(self, numbered: tuple[int, Job]) -> None:
-        """Give it a job."""
-        self.flight[numbered[0]] = numbered[1]
+    def send(self, chunk: Chunk) -> None:
+        """Give it jobs."""
+        self.flight |= dict(chunk)
         with suppress(OSError):  # it is dead, which `_receive` sees
-            self.connection.send(numbered)
+            for numbered in chunk:
+                self.connection.send(numbered)
 
     def stop(self) -> None:
-        """Let it end after what it has begun."""
-        if self.ready and not self.told_to_stop:
-            self.told_to_stop = True
+        """Let it end after the jobs that it has begun."""
+        if not self.stopping:
+            self.stopping = True
             with suppress(OSError):
                 self.connection.send(None)
 
     def finish(self) -> None:
         """Let it end, as it has nothing to do."""
         self.stop()
-        if self.ready:
-            self.process.join(_GRACE)
+        self.process.join(_GRACE)
         self.kill()
 
     def kill(self) -> None:

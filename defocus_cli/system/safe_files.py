@@ -129,7 +129,7 @@ def spoken() -> Iterator[None]:
 
 def leftover(path: Path, process: int) -> str:
     """How the names of the hidden siblings of ``path`` start that a process makes."""
-    return f".{path.name[:60]}.{process}."
+    return f".{path.name[:48]}.{process}."
 
 
 @contextmanager
