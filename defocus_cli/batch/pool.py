@@ -12,6 +12,7 @@ import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +73,7 @@ class Pool:
             while self.workers:
                 for each in self.workers:
                     self._send_jobs(each)
-                for each in [each for each in self.workers if each.ready and not each.flight]:
+                for each in [each for each in self.workers if self._is_over(each)]:
                     each.finish()
                     self.workers.remove(each)
                 self._receive()
@@ -105,6 +106,10 @@ class Pool:
                 each.send([self.suspects.popleft()])
         elif each.ready and not each.alone and len(each.flight) < AT_ONCE:
             each.send(self._next_chunk() or [])
+
+    def _is_over(self, each: _Worker) -> bool:
+        """Whether a worker has nothing to do; before it is ready, it has begun nothing."""
+        return not each.flight if each.ready else self.stopped()
 
     def _receive(self) -> None:
         """Wait until a worker sends a result or dies."""
@@ -185,8 +190,9 @@ class _Worker:
 
     def finish(self) -> None:
         """Let it end, as it has nothing to do."""
-        self.stop()
-        self.process.join(_GRACE)
+        if self.ready:
+            self.stop()
+            self.process.join(_GRACE)
         self.kill()
 
     def kill(self) -> None:
@@ -219,6 +225,7 @@ def _death(code: int | None, times: int) -> str:
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
     """Processes started in the block never hear Ctrl-C, which is the coordinator's affair."""
+    resource_tracker.ensure_running()  # else the first process starts it, which unblocks SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

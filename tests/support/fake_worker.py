@@ -66,6 +66,11 @@ def serve_on(connection: Connection) -> None:
     worker.serve(connection)
 
 
+def serve_mask(connection: Connection) -> None:
+    """Say whether Ctrl-C is kept from this process."""
+    connection.send(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
+
+
 def serve_nobody(connection: Connection) -> None:
     """Die before any work."""
     os._exit(7)

@@ -92,6 +92,18 @@ def test_processes_end_with_their_coordinator(tmp_path: Path) -> None:
         time.sleep(0.01)
 
 
+def test_ctrl_c_is_kept_from_the_first_process_too(tmp_path: Path) -> None:
+    """Python starts a process of its own before the first, and then lets SIGINT through."""
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import fake_worker\n"
+        "from defocus_cli.batch.pool import _Worker\n"
+        "print(_Worker(fake_worker.serve_mask, []).connection.recv())"
+    )
+    words = [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")]
+    ran = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
+    assert ran.stdout == "True\n"
+
+
 def test_nothing_new_is_begun_when_stopped(tmp_path: Path) -> None:
     names = [f"slow{i}" for i in range(50)]
     taken: list[Chunk] = []
