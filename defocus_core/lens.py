@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
+from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part
 from defocus_core.optics.thin_lens import Scalar, ThinLens
 from defocus_core.render import render
 from defocus_core.runtime.validation import dense, described, is_picture, number, whole
@@ -222,7 +222,7 @@ def _fitted(radius: Tensor, ks: int, aperture: Aperture, part: Part) -> Tensor:
             f"ks must hold the circle of confusion, {float(widest):.6g} px across, got {ks}; "
             f"use ks={float(widest.ceil()):.0f} or more"
         )
-    return kernel(radius, ks, aperture, part)
+    return aperture.kernel(radius, ks, part)
 
 
 def _three(psf: Tensor) -> Tensor:
