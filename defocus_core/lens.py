@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.point_spread import PsfLens
 from defocus_core.render import render
-from defocus_core.runtime.validation import dense, described, is_picture
+from defocus_core.runtime.validation import dense, described, floating, is_picture, numbers
 
 
 class DefocusLens(PsfLens):
@@ -79,10 +79,9 @@ class DefocusLens(PsfLens):
         Raises:
             ValueError: As `render_rgbd`; a map of both signs has depths that are not positive.
         """
-        depth = self._tensor("depth", depth)
         rendering = render(
             rgb_img,
-            self._image_radius(rgb_img, -depth if bool((depth < 0).all()) else depth),
+            self._image_radius(rgb_img, depth, either_sign=True),
             aperture=Aperture(psf_type=psf_type),
             left_right=True,
             num_layers=num_layers,
@@ -94,7 +93,7 @@ class DefocusLens(PsfLens):
         assert rendering.right is not None
         return rendering.left, rendering.right
 
-    def _image_radius(self, image: Tensor, depth: Tensor) -> Tensor:
+    def _image_radius(self, image: Tensor, depth: Tensor, *, either_sign: bool = False) -> Tensor:
         """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
         dense("the image", image)
         if not is_picture(image, 4):
@@ -103,13 +102,15 @@ class DefocusLens(PsfLens):
                 "one image is image[None]"
             )
         batch, _, height, width = image.shape
-        depth = self._tensor("depth", depth)
+        depth = numbers("depth", depth, floating(self.dtype), image.device)
         planes = depth[:, None] if depth.ndim == 3 else depth
         if planes.shape != (batch, 1, height, width):
             raise ValueError(
                 f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
                 f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
             )
+        if either_sign and bool((planes < 0).all()):
+            planes = -planes
         radius = self.signed_radius(planes)  # which looks at the sensor, too
         if width > self.sensor_res[0] or height > self.sensor_res[1]:
             raise ValueError(

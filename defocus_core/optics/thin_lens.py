@@ -156,7 +156,7 @@ class ThinLens(PinholeCamera):
 
     def radius_at_infinity(self) -> float:
         """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
-        s = self._distance("foc_dist", self.foc_dist)
+        s = numbers("foc_dist", self.foc_dist, floating(self.dtype), torch.device("cpu")).abs()
         radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
         return float(radius.detach())
 

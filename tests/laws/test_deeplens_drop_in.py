@@ -26,17 +26,20 @@ pytestmark = pytest.mark.filterwarnings("ignore:kernels are cropped")
 @pytest.fixture
 def lens() -> DefocusLens:
     """A 50 mm f/1.8 with pixels of 0.02 mm, focused at 1 m."""
-    return focused(
-        DefocusLens(foclen=50.0, fnum=1.8, sensor_size=(20.0, 20.0), sensor_res=(1000,) * 2)
-    )
+    return focused(DefocusLens(50.0, 1.8, (20.0, 20.0), (1000, 1000), device="cpu"))
 
 
 @pytest.fixture
 def small() -> DefocusLens:
     """The same lens before a sensor of 64 x 64 px."""
-    return focused(
-        DefocusLens(foclen=50.0, fnum=1.8, sensor_size=(20.0, 20.0), sensor_res=(64, 64))
-    )
+    return focused(DefocusLens(50.0, 1.8, (20.0, 20.0), (64, 64), device="cpu"))
+
+
+@pytest.fixture
+def pretended_gpu(monkeypatch) -> None:
+    """A CUDA device that is there by its own word; who puts a tensor on it fails."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
 
 
 def focused(lens: DefocusLens) -> DefocusLens:
@@ -330,24 +333,25 @@ def test_points_in_mm_are_those_that_the_pinhole_sees_there(lens):
 # Devices, and what a lens says of itself
 
 
-@pytest.mark.parametrize("cuda", [True, False])
-def test_without_a_device_a_lens_takes_the_gpu_if_there_is_one(monkeypatch, cuda):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: cuda)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: int(cuda))
-    lens = focused(DefocusLens(50.0, 1.8))
-    assert lens.device.type == ("cuda" if cuda else "cpu")
-    assert f"device={lens.device}" in repr(lens)
+def test_without_a_device_a_lens_takes_the_gpu_if_there_is_one(monkeypatch, pretended_gpu):
+    lens = DefocusLens(50.0, 1.8)
+    assert lens.device.type == "cuda"
+    assert "device=cuda" in repr(lens)
     assert lens.to("cpu") is lens
     assert lens.device == torch.device("cpu")
     assert lens.coc(-500.0).device.type == "cpu"
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert DefocusLens(50.0, 1.8).device.type == "cpu"
 
 
-def test_a_tensor_is_worked_on_where_it_is(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
-    lens = focused(DefocusLens(50.0, 1.8))
-    assert lens.psf(points(-1000.0)).device.type == "cpu"
-    assert lens.coc(torch.tensor([-500.0])).device.type == "cpu"
+def test_a_tensor_is_worked_on_where_it_is(small, pretended_gpu):
+    lens = focused(DefocusLens(50.0, 1.8, (20.0, 20.0), (64, 64)))
+    assert lens.device.type == "cuda"
+    assert torch.equal(lens.psf(points(-900.0)), small.psf(points(-900.0)))
+    assert torch.equal(lens.coc(torch.tensor([-500.0])), small.coc(torch.tensor([-500.0])))
+    seen, depth = small.render_rgbd(image(), plane(900.0)), plane(900.0)
+    for same in (depth, depth.numpy(), depth.tolist()):
+        assert torch.equal(lens.render_rgbd(image(), same), seen)
 
 
 def test_a_lens_says_what_it_is(lens):

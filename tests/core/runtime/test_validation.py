@@ -28,7 +28,7 @@ DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
 
 
 def lens(foclen: Any = 50.0, fnum: Any = 1.4, **options: Any) -> DefocusLens:
-    return DefocusLens(foclen, fnum, (36.0, 27.0), (16, 12), **options)
+    return DefocusLens(foclen, fnum, (36.0, 27.0), (16, 12), **{"device": "cpu", **options})
 
 
 def drawn(image: Any = IMAGE[None], depth: Any = DEPTH, seeds: Any = (1,), **ranges: Any) -> Any:
