@@ -229,7 +229,7 @@ def _thin(lens: dict[str, Any], size: torch.Size) -> DefocusLens:
     """A lens before a sensor of so many (height, width) px."""
     height, width = size
     sensor = (lens["sensor_width"], lens["sensor_width"] * height / width)
-    thin = DefocusLens(lens["foclen"], lens["fnum"], sensor, (width, height))
+    thin = DefocusLens(lens["foclen"], lens["fnum"], sensor, (width, height), "cpu")
     thin.refocus(lens["foc_dist"])
     return thin
 

@@ -17,7 +17,7 @@ from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import SHARP, evenly, layers, rungs
 from defocus_core.layers.octaves import kept_apart, turns
 from defocus_core.layers.quality import Quality
-from defocus_core.optics.aperture import LEFT, RIGHT, Aperture, part_area, parts
+from defocus_core.optics.aperture import LEFT, RIGHT, Aperture
 
 # Brightness over the median, and by itself, beyond which float32 is not enough.
 _RANGE, _SQUARED = 1e3, 1e15
@@ -45,11 +45,11 @@ def frame_of(
         ValueError: If a value is not finite, or a CoC does not fit psf_ks.
     """
     H, W = signed_radius.shape
-    cells = parts(aperture, quality.parts)
-    centre = len(cells)
+    parts = aperture.parts(quality.parts)
+    centre = len(parts)
     groups = [slice(0, centre)]
     if left_right and centre == 1:
-        cells = [*cells, LEFT, RIGHT]
+        parts = [*parts, LEFT, RIGHT]
         groups.append(slice(1, 3))
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
     seen = survey(pixels, signed_radius, dtype, threads)
@@ -92,7 +92,7 @@ def frame_of(
         """Windows of all slices after resolution is halved some times."""
         scaled = tuple(r / (1 << halvings) for r in radii)
         sizes = halved(side, halvings), halved(within, halvings)
-        return windows(scaled, spreads, numbers, *sizes, aperture, cells, dtype, pixels.device)
+        return windows(scaled, spreads, numbers, *sizes, aperture, parts, dtype, pixels.device)
 
     when = turns(radii, numbers)
     apart = kept_apart(radii, when.ahead)
@@ -109,10 +109,10 @@ def frame_of(
         grid=grid,
         aperture=aperture,
         quality=quality,
-        parts=cells,
+        parts=parts,
         centre=centre,
         groups=groups,
-        weights=[part_area(aperture, part) for part in cells],
+        weights=[aperture.share(part) for part in parts],
         left_right=left_right,
         signed=seen.darkest < 0,
         dtype=dtype,

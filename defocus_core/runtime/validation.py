@@ -150,13 +150,15 @@ def pair(name: str, given: tuple[T, T]) -> tuple[T, T]:
 
 
 def device_named(named: torch.device | str | None) -> torch.device:
-    """The device of that name, the CPU for None.
+    """The device of that name; for None a CUDA device if there is one, else the CPU.
 
     Raises:
         ValueError: If there is none, or this machine has none.
     """
+    if named is None:
+        named = "cuda" if torch.cuda.is_available() else "cpu"
     try:
-        device = torch.device("cpu" if named is None else named)
+        device = torch.device(named)
     except (RuntimeError, TypeError):
         raise ValueError(
             f"device must be one of torch's, got {named!r}; like cpu or cuda"

@@ -134,7 +134,7 @@ def test_nor_does_a_lens() -> None:
         return [
             lens.render_rgbd(to(image), z),
             *lens.render_rgbd_dp(to(image), z),
-            *(lens.psf(to(point), 80, kind) for kind in ("gaussian", "pillbox")),
+            *(lens.psf(to(point), ks=80, psf_type=kind) for kind in ("gaussian", "pillbox")),
             *lens.psf_dp(to(point), 80),
             lens.signed_coc(z),
             lens.signed_radius(z),
