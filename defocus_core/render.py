@@ -12,10 +12,10 @@ from torch import Tensor
 
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import assembled
+from defocus_core.engine.settings import Settings
 from defocus_core.images.views import Views, batch
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
-from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
 from defocus_core.runtime.torch_modes import own_modes
 from defocus_core.runtime.validation import dense, described, is_picture, numbers
@@ -80,26 +80,23 @@ def render(
         ValueError: If shapes do not match, a radius or a pixel is not finite, an option is out of
             its range, or a CoC does not fit psf_ks.
     """
-    settings = find(quality)
+    settings = Settings(
+        aperture=Aperture() if aperture is None else aperture,
+        quality=quality,
+        left_right=left_right,
+        num_layers=num_layers,
+        psf_ks=psf_ks,
+        threads=threads,
+        tile=tile,
+        infinity=infinity,
+        depth_repair=depth_repair,
+    )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
         with own_modes(pixels.device):
-            picture = Picture(
-                pixels,
-                radius,
-                aperture=Aperture() if aperture is None else aperture,
-                quality=settings,
-                left_right=left_right,
-                num_layers=num_layers,
-                psf_ks=psf_ks,
-                hidden=known,
-                threads=threads,
-                tile=tile,
-                infinity=infinity,
-                depth_repair=depth_repair,
-            )
+            picture = Picture(pixels, radius, settings, known)
             parts = picture.parts(progress=progress)
             views.append(assembled(picture.frame, pixels, parts))
     return batch(views) if image.dim() == 4 else views[0]

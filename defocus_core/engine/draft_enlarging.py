@@ -40,9 +40,7 @@ class Enlarging:
         cells: [C + 1, h, w], what is to be rendered.
     """
 
-    def __init__(
-        self, frame: Frame, image: Pixels, pixels: Pixels, signed_radius: Pixels, *, threads: int
-    ) -> None:
+    def __init__(self, frame: Frame, image: Pixels, pixels: Pixels, signed_radius: Pixels) -> None:
         """Nothing is rendered yet.
 
         Args:
@@ -50,19 +48,19 @@ class Enlarging:
             image: [C, h, w] cells.
             pixels: [C, H, W] px of the picture.
             signed_radius: [H, W] px of the picture.
-            threads: Tiles enlarged at once.
         """
-        self._frame, self._threads = frame, threads
+        self._frame, self._threads = frame, frame.settings.threads
         self._size = signed_radius.shape[0], signed_radius.shape[1]
+        limit = frame.content.limit
         # less than no light in a picture that has none
-        unit = self._unit = _UNIT * frame.limit if frame.limit > 0 else -1.0
+        unit = self._unit = _UNIT * limit if limit > 0 else -1.0
         self._of_px = (pixels, signed_radius)
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * share_left(radius)[None]])
 
         held = isinstance(image, Tensor)
-        share = half_size(share_left, signed_radius, threads=threads, hold=held)
+        share = half_size(share_left, signed_radius, threads=self._threads, hold=held)
         if isinstance(image, Tensor) and isinstance(share, Tensor):
             self.cells: Pixels = torch.cat([image, unit * share[None]])
         else:
@@ -100,10 +98,10 @@ class Enlarging:
         px = (self._px(wide).of(x).to(images.dtype) for x in self._of_px)
         given = Given(own[:-1], own[-1] / self._unit, *px)
         images = with_detail(images[:, :-1], images[:, -1] / self._unit, given, part)
-        if not self._frame.signed:
+        if not self._frame.content.signed:
             images = images.clamp(min=0)
         if len(images) > 1:
-            pair = pair_of(*images, signed=self._frame.signed)
+            pair = pair_of(*images, signed=self._frame.content.signed)
             images = torch.cat([images[:1], pair])
         box = self._px(tile)
         inner = box.seen_from(self._px(wide))

@@ -12,12 +12,15 @@ from defocus_core.images.box import Box
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.order_statistics import Ranks, counted
 from defocus_core.images.source import Pixels, banded, bands
+from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.threads import threaded
 
 # Px of radius: any picture is a point beside it.
 MOST = 1e8
 # Every how many rows and columns the brightness of a pixel is taken where a sample is enough.
 _SAMPLED = 3
+# Brightness over the median, and by itself, beyond which float32 is not enough.
+_RANGE, _SQUARED = 1e3, 1e15
 
 
 class Survey(NamedTuple):
@@ -108,6 +111,50 @@ def survey(
         lit=Ranks(lit, lit_again, dtype),
         black=int(black),
     )
+
+
+def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float]:
+    """The least and greatest signed radius in px of visible surfaces and of a known hidden layer.
+
+    Args:
+        hidden: The known layer.
+        ends: Least and greatest signed radius of the visible surfaces.
+
+    Raises:
+        ValueError: If a value within the mask is not finite.
+    """
+    least, most = ends
+    for color, radius, mask in zip(*map(banded, hidden), strict=True):
+        where = mask.bool()
+        known = radius[where]
+        for name, values in (("color", color[:, where]), ("signed_radius", known)):
+            if not bool(torch.isfinite(values).all()):
+                raise ValueError(
+                    f"hidden.{name} must be finite where the mask is true; leave unknown pixels out"
+                )
+        if len(known):
+            least, most = min(least, float(known.min())), max(most, float(known.max()))
+    return least, most
+
+
+def needs_double(seen: Survey, limit: float) -> bool:
+    """Whether float32 is too coarse.
+
+    Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
+    bright colours are infinite. Pixels brighter than the limit do not count: they are highlights,
+    which are not transformed.
+    """
+    bright = min(seen.brightest, limit)
+    if max(bright, -seen.darkest) > _SQUARED:
+        return True
+    lit = seen.lit.total - seen.black
+    if not lit:
+        return False
+    median = seen.black + (lit + 1) // 2
+    low, high = seen.lit.about(median)
+    if bright <= _RANGE * low or bright > _RANGE * high:
+        return bright > _RANGE * high
+    return bright > _RANGE * seen.lit.exactly(median)
 
 
 def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:

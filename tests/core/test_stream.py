@@ -6,6 +6,7 @@ from streams import KINDS, Windows, put_together, same
 from torch import Tensor
 
 from defocus_core import cost, render
+from defocus_core.engine.settings import Settings
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.images import derived
 from defocus_core.images.tiling import TILE
@@ -20,7 +21,7 @@ def test_a_stream_is_the_rendering(kind: str, threads: int, at_once: int | None)
     image, radius = scenery(kind, 700, 660, 6.0)
     whole = render(image, radius, left_right=True)
     pixels, radii = Windows(image), Windows(radius)
-    stream = Stream(pixels, radii, left_right=True, threads=threads)
+    stream = Stream(pixels, radii, Settings(left_right=True, threads=threads))
     found = put_together(stream, at_once)
     assert found.keys() == {*KINDS, "trust"}
     assert same(found, whole)
@@ -37,7 +38,7 @@ def soft_picture(height: int, width: int) -> tuple[Tensor, Tensor]:
 def test_a_stream_of_soft_depth_is_its_rendering() -> None:
     image, radius = soft_picture(700, 660)
     whole = render(image, radius)
-    stream = Stream(Windows(image), Windows(radius), threads=2)
+    stream = Stream(Windows(image), Windows(radius), Settings(threads=2))
     assert stream.repair.soft_edges
     assert same(put_together(stream), whole)
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
@@ -57,7 +58,7 @@ def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPa
     whole, looked_at = render(image, radius, quality="draft"), {}
     for hold in (False, True):
         pixels = Windows(image)
-        stream = Stream(pixels, Windows(radius), quality="draft", hold=hold)
+        stream = Stream(pixels, Windows(radius), Settings(quality="draft"), hold=hold)
         assert same(put_together(stream), whole)
         looked_at[hold] = pixels.looked_at / radius.numel()
     assert looked_at[True] < 5 < 9 < looked_at[False]

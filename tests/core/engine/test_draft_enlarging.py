@@ -9,6 +9,7 @@ from streams import Windows, put_together, same
 from torch import Tensor
 
 from defocus_core import render
+from defocus_core.engine.settings import Settings
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.images import derived
 from defocus_core.inpainting.hidden_layers import HiddenLayer
@@ -109,9 +110,7 @@ def test_a_stream_of_a_draft_is_its_rendering(
     stream = Stream(
         Windows(image),
         Windows(radius),
-        quality="draft",
-        left_right=True,
-        threads=2,
+        Settings(quality="draft", left_right=True, threads=2),
         hidden=Behind(*map(Windows, hidden)) if behind else None,
     )
     assert same(put_together(stream), whole)
@@ -140,7 +139,7 @@ def test_depth_of_photographs_is_repaired_before_it_is_halved() -> None:
     image, radius = scenery("cards", 300, 400, 24.0)
     around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
     soft = torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
-    draft = Stream(image, soft, quality="draft")
+    draft = Stream(image, soft, Settings(quality="draft"))
     assert draft.repair == Stream(image, soft).repair
     assert draft.repair.soft_edges
     hard = render(image, radius, quality="draft").render

@@ -9,11 +9,11 @@ from defocus_core import render
 from defocus_core.engine import region_schedule
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.preparation import frame_of
+from defocus_core.engine.settings import Settings
 from defocus_core.engine.unchanged_parts import blurred_part
 from defocus_core.images.box import Box
 from defocus_core.images.tiling import BLOCK, Grid
 from defocus_core.layers.quality import find
-from defocus_core.optics.aperture import Aperture
 
 H, W = 560, 640
 # Rows and columns that are out of focus.
@@ -39,17 +39,7 @@ def scene(spot: Box, *, hard: bool) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def looked_at(image: torch.Tensor, radius: torch.Tensor) -> Frame:
-    return frame_of(
-        image,
-        radius,
-        aperture=Aperture(),
-        quality=find("standard"),
-        left_right=False,
-        num_layers=None,
-        psf_ks=None,
-        hidden=None,
-        threads=1,
-    )
+    return frame_of(image, radius, Settings(), find("standard"), None)
 
 
 @pytest.mark.parametrize("hard", [False, True])
