@@ -11,7 +11,7 @@ from torch import Tensor
 
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.region import Region
-from defocus_core.engine.unchanged_parts import blurred_part, counts_of_copies
+from defocus_core.engine.unchanged_parts import blurred_part
 from defocus_core.images.box import Box, Span
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid, regions
@@ -20,6 +20,12 @@ from defocus_core.inpainting.frame_pyramid import backdrop
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.checkpointing import recomputed, unrecorded
 from defocus_core.runtime.threads import threaded
+
+# Counts that are 0 for copied tiles.
+_OF_COMPUTED = (
+    *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
+    *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
+)
 
 
 def finished(
@@ -48,7 +54,7 @@ def finished(
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
-    copies = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
+    may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
     numbers, reported = count(1), Counter[Box]()
 
     def report(box: Box, tiles: int) -> None:
@@ -59,20 +65,21 @@ def finished(
                 progress(number, len(frame.grid.tiles))
 
     def computed(grid: Grid) -> Views:
-        part = blurred_part(frame, grid, signed_radius) if copies else grid
-        if not part:
-            counts = counts_of_copies(frame, grid.box.area, len(grid.tiles))
-            return _copied(frame, grid.box, pixels)._replace(stats=counts)
+        part = blurred_part(frame, grid, signed_radius) if may_copy else grid
         tiles: list[Views] = []
-        with unrecorded():
-            region = Region(frame, part, pixels, signed_radius, hidden, beyond)
-            each = range(len(part.tiles))
-            for tile in threaded(recomputed(region.tile), each, threads // at_once):
-                tiles.append(tile)
-                report(grid.box, 1)
-        whole = joined(_among_copies(frame, grid.box, part, tiles, pixels))
-        copied = grid.box.area - part.box.area, len(grid.tiles) - len(part.tiles)
-        return whole._replace(stats=added([whole.stats, counts_of_copies(frame, *copied)]))
+        if part:
+            with unrecorded():
+                region = Region(frame, part, pixels, signed_radius, hidden, beyond)
+                each = range(len(part.tiles))
+                for tile in threaded(recomputed(region.tile), each, threads // at_once):
+                    tiles.append(tile)
+                    report(grid.box, 1)
+            views = joined(_among_copies(frame, grid.box, part, tiles, pixels))
+        else:
+            views = _copied(frame, grid.box, pixels)
+        copies = len(grid.tiles) - len(tiles)
+        counts = {"tiles": copies, "slice_tiles": 2 * len(frame.slices.radii) * copies}
+        return views._replace(stats=added([views.stats, counts]))
 
     def handed_over() -> Iterator[Views]:
         parts = threaded(recomputed(computed), grids, at_once)
@@ -107,7 +114,8 @@ def _among_copies(
 def _copied(frame: Frame, box: Box, pixels: Pixels) -> Views:
     """Views of a rectangle in focus: its pixels themselves."""
     image = box.of(pixels).to(frame.dtype)
-    return Views([image] * frame.views, image.new_ones(1, *image.shape[1:]), {}, box)
+    counts = {"pixels": box.area, "pixels_copied": box.area}
+    return Views([image] * frame.views, image.new_ones(1, *image.shape[1:]), counts, box)
 
 
 def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
@@ -137,7 +145,7 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
 
 def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
-    return {"slices": len(frame.slices.radii), **added(counts)}
+    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_OF_COMPUTED, 0), *counts])}
 
 
 def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:

@@ -15,11 +15,9 @@ from defocus_core.images.source import Pixels, banded, bands
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.threads import threaded
 
-# Px of radius: any picture is a point beside it.
+# Greatest radius in px: any picture is a point beside it.
 MOST = 1e8
-# Every how many rows and columns the brightness of a pixel is taken where a sample is enough.
-_SAMPLED = 3
-# Brightness over the median, and by itself, beyond which float32 is not enough.
+# Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
 _RANGE, _SQUARED = 1e3, 1e15
 
 
@@ -27,14 +25,12 @@ class Survey(NamedTuple):
     """A picture in a few numbers. The brightness of a pixel is that of its brightest channel.
 
     Attributes:
-        least: Signed radius in px.
-        most: The same.
+        least: Least signed radius in px.
+        most: Greatest signed radius in px.
         steepest: Greatest differences of radius between neighbours in px: down, across.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
-        brightness: Of all pixels.
-        lit: Brightness of some pixels, evenly spread.
-        black: How many of these are not positive.
+        brightness: Order statistics of the brightness of all pixels.
     """
 
     least: float
@@ -43,46 +39,34 @@ class Survey(NamedTuple):
     darkest: float
     brightest: float
     brightness: Ranks
-    lit: Ranks
-    black: int
 
 
-def survey(
-    pixels: Pixels,
-    signed_radius: Pixels,
-    dtype: torch.dtype,
-    threads: int,
-) -> Survey:
+def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
     """Look at each pixel once.
 
     Args:
         pixels: [C, H, W].
         signed_radius: [H, W] px.
-        dtype: To compute in.
-        threads: Bands of rows looked at at once.
+        dtype: Type of the numbers to compute with.
+        threads: Number of bands of rows that are looked at at once.
 
     Raises:
         ValueError: If a value is not finite, or a radius is beyond `MOST`.
     """
     H, W = signed_radius.shape
 
-    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor, list[Tensor]]:
-        """Statistics of radii, the least and greatest value of colours, and counts that add up."""
-        some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
-        brightness = some.amax(0)
-        few = _few(brightness, rows[0])
-        counts = [counted(brightness), counted(few), (few <= 0).sum()]
+    def of_band(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+        """Statistics of radii, the least and greatest value of colours, counts of brightness."""
+        band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
+        brightness = band.amax(0)
         radii = _of_radii(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
-        return radii, torch.stack([some.amin(), brightness.amax()]), counts
+        return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
 
-    of_radii: list[Tensor] = []
-    values: list[Tensor] = []
-    total: list[Tensor] = []
-    for radii, pair, counts in threaded(looked_at, bands(H, W), threads):
+    of_radii, values, counts = [], [], torch.zeros((), dtype=torch.long)
+    for radii, pair, of_brightness in threaded(of_band, bands(H, W), threads):
         of_radii.append(radii)
         values.append(pair)
-        total = [a + b for a, b in zip(total, counts, strict=True)] if total else counts
-    brightness, lit, black = total
+        counts = of_brightness + counts
     least, most, down, across = torch.stack(of_radii).unbind(1)
     darkest, brightest = torch.stack(values).unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
@@ -98,18 +82,13 @@ def survey(
     def brightness_again() -> Iterator[Tensor]:
         return (band.to(dtype).amax(0) for band in banded(pixels))
 
-    def lit_again() -> Iterator[Tensor]:
-        return map(_few, brightness_again(), (first for first, _ in bands(H, W)))
-
     return Survey(
         least=float(ends[0]),
         most=float(ends[1]),
         steepest=(float(down.amax()), float(across.amax())),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
-        brightness=Ranks(brightness, brightness_again, dtype),
-        lit=Ranks(lit, lit_again, dtype),
-        black=int(black),
+        brightness=Ranks(counts, brightness_again, dtype),
     )
 
 
@@ -147,14 +126,15 @@ def needs_double(seen: Survey, limit: float) -> bool:
     bright = min(seen.brightest, limit)
     if max(bright, -seen.darkest) > _SQUARED:
         return True
-    lit = seen.lit.total - seen.black
+    black = int(seen.brightness.counts[0])  # and denormal numbers, which are as dark
+    lit = seen.brightness.total - black
     if not lit:
         return False
-    median = seen.black + (lit + 1) // 2
-    low, high = seen.lit.about(median)
+    median = black + (lit + 1) // 2
+    low, high = seen.brightness.about(median)
     if bright <= _RANGE * low or bright > _RANGE * high:
         return bright > _RANGE * high
-    return bright > _RANGE * seen.lit.exactly(median)
+    return bright > _RANGE * seen.brightness.exactly(median)
 
 
 def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:
@@ -168,8 +148,3 @@ def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:
     steps = band.diff(dim=0), radii.diff(dim=1)
     steepest = [float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps]
     return torch.cat([ends_of(radii), radii.new_tensor(steepest)])
-
-
-def _few(brightness: Tensor, first: int) -> Tensor:
-    """Some pixels of a band that begins at a row: the same of the frame, however it is banded."""
-    return brightness[-first % _SAMPLED :: _SAMPLED, ::_SAMPLED]

@@ -11,9 +11,6 @@ from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import BLOCK, Grid
 from defocus_core.layers.ladder import SHARP
 
-# Distance of the rows and columns that are looked at first: most blurred surfaces show there.
-_SAMPLED = 8
-
 
 def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None:
     """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
@@ -30,24 +27,17 @@ def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None
         return grid
     around = grid.box.grown(frame.margin, frame.box)
     radii = around.of(signed_radius).detach()
-    sides: list[Span | None] = [None, None]
-    for every in (_SAMPLED, 1):
-        for dim, whole in enumerate(grid.box.sides):
-            if sides[dim] != whole:
-                reached = _reached(frame, around, radii[::every, ::every], every, dim)
-                sides[dim] = reached and reached.within(whole)
-    down, across = sides
+    down, across = (_reached(frame, around, radii, dim) for dim in (0, 1))
     return grid.within(Box.over(down, across)) if down and across else None
 
 
-def _reached(frame: Frame, around: Box, radii: Tensor, every: int, dim: int) -> Span | None:
+def _reached(frame: Frame, around: Box, radii: Tensor, dim: int) -> Span | None:
     """Blocks along an axis that blurred light reaches; None if none are reached.
 
     Args:
         frame: What holds for the whole picture.
         around: A part of the frame.
-        radii: [h, w] px of the part, in every so many rows and columns.
-        every: The distance of these rows and columns.
+        radii: [h, w] px of the part.
         dim: The axis: 0 for rows.
     """
     least, most = radii.amin(1 - dim), radii.amax(1 - dim)
@@ -55,7 +45,7 @@ def _reached(frame: Frame, around: Box, radii: Tensor, every: int, dim: int) -> 
     if not len(at):
         return None
     reach = _reach(frame, least.index_select(0, at), most.index_select(0, at))
-    at = every * at + around[dim]
+    at = at + around[dim]
     first, last = int((at - reach).amin()), int((at + reach).amax())
     return Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK)
 
@@ -70,27 +60,3 @@ def _reach(frame: Frame, least: Tensor, most: Tensor) -> Tensor | int:
     farthest = torch.searchsorted(ladder, most.double())
     ends = (end.clamp(0, len(ladder) - 1) for end in (nearest, farthest))
     return NEIGHBOURHOOD + torch.maximum(*(spread.index_select(0, end) for end in ends))
-
-
-def counts_of_copies(frame: Frame, pixels: int, tiles: int) -> dict[str, int]:
-    """What was computed for copied pixels: the counts of `Region`.
-
-    Args:
-        frame: The frame that they are a part of.
-        pixels: Number of pixels.
-        tiles: Number of tiles that are copied as a whole.
-    """
-    return {
-        "pixels": pixels,
-        "pixels_copied": pixels,
-        "tiles": tiles,
-        "slice_tiles": 2 * len(frame.slices.radii) * tiles,
-        "slice_tiles_done": 0,
-        "slice_tiles_blurred": 0,
-        "slice_tiles_reduced": 0,
-        "slice_tiles_culled": 0,
-        "layer_pixels": 0,
-        "layer_pixels_done": 0,
-        "tiles_culled": 0,
-        "tiles_with_hidden": 0,
-    }

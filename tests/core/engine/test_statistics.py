@@ -6,7 +6,7 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import AROUND, without_ramps
-from defocus_core.engine.statistics import survey
+from defocus_core.engine.statistics import needs_double, survey
 from defocus_core.images.box import Box
 from defocus_core.images.derived import Repaired
 from defocus_core.images.source import bands, spread
@@ -67,15 +67,16 @@ def test_brightness_is_that_of_the_brightest_channel() -> None:
     assert seen.darkest == float(image.half().min())
 
 
-def test_some_pixels_are_evenly_spread_across_bands() -> None:
-    image = noise(3, *SIZE).double()
-    some = image.amax(0)[::3, ::3]
-    seen = survey(image, torch.zeros(SIZE), torch.float64, 1)
-    assert seen.lit.total == some.numel()
-    assert seen.black == int((some <= 0).sum())
-    middle = some[some > 0].median()
-    rank = seen.black + int((some > 0).sum() + 1) // 2
-    assert seen.lit.exactly(rank) == float(middle)
+@pytest.mark.parametrize(("dark", "double"), [(1.1e-3, False), (0.9e-3, True)])
+def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(
+    dark: float, double: bool
+) -> None:
+    image = torch.zeros(3, *SIZE)
+    image[1, :400] = dark
+    image[0, 7, 7] = 1.0
+    seen = survey(image, torch.zeros(SIZE), torch.float32, 2)
+    assert needs_double(seen, limit=1.0) == double
+    assert not needs_double(seen, limit=dark)
 
 
 @pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
