@@ -13,7 +13,16 @@ from torch import Tensor
 from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
 from defocus_core.optics.thin_lens import Scalar, ThinLens
 from defocus_core.render import render
-from defocus_core.runtime.validation import dense, described, is_picture, number, whole
+from defocus_core.runtime.validation import (
+    dense,
+    described,
+    device_named,
+    floating,
+    is_picture,
+    number,
+    numbers,
+    whole,
+)
 
 
 class DefocusLens(ThinLens):
@@ -189,27 +198,48 @@ class DefocusLens(ThinLens):
 
     def _image_radius(self, image: Tensor, depth: Tensor) -> Tensor:
         """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
-        dense("the image", image)
-        if not is_picture(image, 4):
-            raise ValueError(
-                f"the image must be a floating-point tensor [B, C, H, W], got {described(image)}; "
-                "one image is image[None]"
-            )
-        batch, _, height, width = image.shape
-        depth = self._tensor("depth", depth)
-        planes = depth[:, None] if depth.ndim == 3 else depth
-        if planes.shape != (batch, 1, height, width):
-            raise ValueError(
-                f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
-                f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
-            )
-        radius = self.signed_radius(planes)  # which looks at the sensor, too
+        planes = depth_maps(image, depth, floating(self.dtype), device_named(self.device))
+        height, width = planes.shape[1:]
+        radius = self.signed_radius(planes[:, None])  # which looks at the sensor, too
         if width > self.sensor_res[0] or height > self.sensor_res[1]:
             raise ValueError(
                 f"the image must lie within sensor_res={self.sensor_res} (W, H), got "
                 f"{(width, height)}; make the lens with the image's sensor_res"
             )
         return radius
+
+
+def depth_maps(image: Tensor, depth: Tensor, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Depth [B, H, W] of a batch of images, once the two are known to agree.
+
+    Args:
+        image: [B, C, H, W].
+        depth: [B, 1, H, W] or [B, H, W]; what is no tensor gets the dtype and the device.
+        dtype: Type of numbers that have none.
+        device: Device of numbers that have none.
+
+    Raises:
+        ValueError: If they do not agree, or hold no real numbers.
+    """
+    dense("image", image)
+    if not is_picture(image, 4):
+        raise ValueError(
+            f"image must be a floating-point tensor [B, C, H, W], got {described(image)}; "
+            "one image is image[None]"
+        )
+    if not image.numel():
+        raise ValueError(
+            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
+        )
+    count, _, height, width = image.shape
+    depth = numbers("depth", depth, dtype, device)
+    maps = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
+    if maps.shape != (count, height, width):
+        raise ValueError(
+            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
+            f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
+        )
+    return maps
 
 
 def _fitted(radius: Tensor, ks: int, aperture: Aperture, part: Part) -> Tensor:

@@ -135,7 +135,7 @@ def test_tensors_that_are_not_dense_are_refused(at: int) -> None:
     scene = (IMAGE[None], RADIUS[None])
     uses = [
         ("image", lambda: render(image, RADIUS)),
-        ("the image", lambda: lens().render_rgbd(image, DEPTH)),
+        ("image", lambda: lens().render_rgbd(image, DEPTH)),
         ("image", lambda: drawn(image)),
         ("signed_radius", lambda: render(IMAGE, radius)),
         ("depth", lambda: lens().render_rgbd(IMAGE[None], depth)),
