@@ -2,8 +2,8 @@
 
 Visible surfaces come first, for they are known; and their share is right in the mean where surfaces
 out of focus cover each other by chance. But a surface in focus occludes exactly: where it goes on
-behind a nearer one, nothing beyond focus is seen. So does a surface that is much less blurred than
-the one seen beyond it.
+behind a nearer one, nothing beyond focus shows. So does a surface that is much less blurred than
+the one beyond it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def add_in_order(
     turns: Turns,
     index: int,
 ) -> list[Filling]:
-    """Add all that may be seen of a tile.
+    """Add the surfaces over a tile to its views.
 
     Args:
         fronts: The views of the parts of the aperture; changed.

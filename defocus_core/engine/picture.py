@@ -10,7 +10,7 @@ from defocus_core.depth.repair import repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.engine.draft_enlarging import Enlarging
 from defocus_core.engine.preparation import frame_of
-from defocus_core.engine.region_schedule import finished
+from defocus_core.engine.region_schedule import rendered_regions
 from defocus_core.engine.settings import Settings
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.source import Pixels, banded
@@ -21,13 +21,13 @@ from defocus_core.layers.quality import find
 
 
 class Picture:
-    """One picture, and what holds for all of it.
+    """A picture, and the frame that its regions share.
 
     Attributes:
         size: (height, width) in px.
         repair: Repair of its depth.
         at_half_size: Whether it is rendered in cells of two by two px.
-        frame: What the regions share, in px or in cells.
+        frame: The frame, in px or in cells.
         image: [C, h, w] pixels to render; at half size cells, with one channel more.
         signed_radius: [h, w] radii to render by, in px or in cells.
     """
@@ -87,14 +87,14 @@ class Picture:
         at_once: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Iterator[Views]:
-        """The rendered picture, row by row, each from left to right.
+        """The rendered picture in parts, row by row, each from left to right.
 
         Args:
             at_once: Greatest number of regions computed at once, which bounds memory; None for as
                 many as threads.
             progress: As for `render`.
         """
-        parts = finished(
+        parts = rendered_regions(
             self.frame,
             self.image,
             self.signed_radius,

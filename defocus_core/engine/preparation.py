@@ -16,7 +16,7 @@ from defocus_core.engine.frame import (
     Slicing,
 )
 from defocus_core.engine.settings import Settings
-from defocus_core.engine.statistics import needs_double, survey, with_hidden
+from defocus_core.engine.statistics import needs_double, surveyed, with_hidden
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import grid_over, largest, regions
 from defocus_core.inpainting.frame_pyramid import EDGE
@@ -51,14 +51,14 @@ def frame_of(
     """
     size = signed_radius.shape[0], signed_radius.shape[1]
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
-    seen = survey(pixels, signed_radius, dtype, settings.threads)
+    survey = surveyed(pixels, signed_radius, dtype, settings.threads)
     content = Content(
-        ends=(seen.least, seen.most),
-        edges=max(seen.steepest) > EDGE,
-        tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
+        ends=(survey.least, survey.most),
+        edges=max(survey.steepest) > EDGE,
+        tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
         quantised=quantised,
-        signed=seen.darkest < 0,
-        limit=threshold(seen.brightness, seen.brightest),
+        signed=survey.darkest < 0,
+        limit=threshold(survey.brightness, survey.brightest),
     )
     ends = content.ends if hidden is None else with_hidden(hidden, content.ends)
     radii = _slice_radii(*ends, quality, settings)
@@ -72,11 +72,11 @@ def frame_of(
     reaches = [spread.px for spread in spreads]
     of_coarse = [_in_frame_px(spread.px, halvings, max(size) - 1) for spread in coarse]
     farthest = max([*reaches, *(of_coarse if content.edges else ())])
-    margin = _margin(farthest, edges=content.edges, highlights=seen.brightest > content.limit)
+    margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
     grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     division = Division.of(settings.aperture, quality.parts, left_right=settings.left_right)
-    if needs_double(seen, content.limit):
+    if needs_double(survey, content.limit):
         dtype = torch.float64
 
     def slicing(

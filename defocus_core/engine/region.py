@@ -1,7 +1,7 @@
 """A region of a picture through the pipeline: slice, blur, composite, tile by tile.
 
-Slices of a layer are summed while still transformed; layers are composited front to back, per part
-of the aperture. Hidden layers fill only what visible ones leave, but in focus, where they occlude.
+Slices of a layer are summed in the Fourier domain; layers are composited front to back, for each
+part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from defocus_core.layers.slopes import slopes
 from defocus_core.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
 from defocus_core.layers.subpixel_shifts import Shifts
 
-# Px around a pixel that decide how it is tilted, and the gradient of its colours.
+# Px around a pixel that decide the slope of its radius, and the gradient of its colours.
 _AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
-# Gaps between visible surfaces, as a share of the slopes that are neglected, that may be but errors
-# of depth in few levels: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
+# Greatest gap between visible surfaces that may be an error of depth in few levels, as a share of
+# the least slope: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
 _DOUBT = 0.5
 
 
@@ -78,8 +78,8 @@ class Region:
         if content.edges:  # pixels beside them are looked up by their numbers
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         pixels, highlights = split(pixels, signed_radius, content.limit)
-        here = core.seen_from(outer)
-        self._in_frame = self._shares_in_frame(here.of(signed_radius))
+        inmost = core.seen_from(outer)
+        self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
         unmixes = content.edges and frame.quality.unmixes
         own = (unmixed if unmixes else whole)(pixels, signed_radius)
         places = position(signed_radius, slices.radii) if highlights else None
@@ -91,7 +91,7 @@ class Region:
         if highlights and places is not None:
             aperture, parts, *_ = frame.division
             self._highlights = draw(
-                highlights, signed_radius, places, slices.radii, aperture, parts, here
+                highlights, signed_radius, places, slices.radii, aperture, parts, inmost
             )
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
@@ -215,13 +215,13 @@ class Region:
         """The hidden surfaces that reach a tile, known before invented."""
         return [surface for surface in self._hidden if surface.plan[index]]
 
-    def _lit(self, seen: list[Tensor], index: int) -> list[Tensor]:
+    def _lit(self, views: list[Tensor], index: int) -> list[Tensor]:
         """The views of each group of parts, with highlights."""
         if self._highlights is None:
-            return seen
+            return views
         lit = self._tiles[index].seen_from(self._tiles[0]).of(self._highlights)
         groups = self._frame.division.groups
-        return [add_light(views, lit[group]) for views, group in zip(seen, groups, strict=True)]
+        return [add_light(view, lit[group]) for view, group in zip(views, groups, strict=True)]
 
     def _is_inside(self, box: Box) -> bool:
         """Whether no light from beyond the frame reaches a rectangle."""
@@ -234,8 +234,8 @@ class Region:
         tile, frame = self._tiles[index], self._frame
         if self._in_frame is None or not frame.content.edges or self._is_inside(tile):
             return [1.0 for _ in frame.division.groups]
-        here = tile.seen_from(self._tiles[0])
-        return [here.of(share) for share in self._in_frame]
+        box = tile.seen_from(self._tiles[0])
+        return [box.of(share) for share in self._in_frame]
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
         """What was computed for a tile, out of what a renderer that skips nothing would.

@@ -1,4 +1,4 @@
-"""The regions of a picture, computed in order, some at once."""
+"""The regions of a picture, computed in order, several at once; those in focus are copied."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OF_COMPUTED = (
 )
 
 
-def finished(
+def rendered_regions(
     frame: Frame,
     pixels: Pixels,
     signed_radius: Pixels,
@@ -37,11 +37,11 @@ def finished(
     at_once: int | None,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Views]:
-    """The regions of a picture, row by row, each from left to right.
+    """The views of each region of a picture, row by row, each from left to right.
 
     Args:
-        frame: What holds for the whole picture.
-        pixels: [C, H, W], in any precision; the result has the same.
+        frame: The frame of the picture.
+        pixels: [C, H, W], in any precision; the views are in the precision of the frame.
         signed_radius: [H, W] px.
         hidden: The known layer behind the visible surface.
         at_once: Greatest number of regions computed at once; None for as many as threads.
@@ -125,9 +125,9 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
     Trust is [1, H, W].
 
     Args:
-        frame: What holds for the whole picture.
-        pixels: [C, H, W], whose precision the result has.
-        parts: From `finished`.
+        frame: The frame of the picture.
+        pixels: [C, H, W], whose precision the views get.
+        parts: From `rendered_regions`.
     """
     if torch.is_grad_enabled():
         views = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))

@@ -22,7 +22,7 @@ _RANGE, _SQUARED = 1e3, 1e15
 
 
 class Survey(NamedTuple):
-    """A picture in a few numbers. The brightness of a pixel is that of its brightest channel.
+    """Statistics of a picture. The brightness of a pixel is that of its brightest channel.
 
     Attributes:
         least: Least signed radius in px.
@@ -41,8 +41,8 @@ class Survey(NamedTuple):
     brightness: Ranks
 
 
-def survey(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
-    """Look at each pixel once.
+def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
+    """Look at each pixel of a picture once.
 
     Args:
         pixels: [C, H, W].
@@ -116,25 +116,25 @@ def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float
     return least, most
 
 
-def needs_double(seen: Survey, limit: float) -> bool:
+def needs_double(survey: Survey, limit: float) -> bool:
     """Whether float32 is too coarse.
 
     Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
     bright colours are infinite. Pixels brighter than the limit do not count: they are highlights,
     which are not transformed.
     """
-    bright = min(seen.brightest, limit)
-    if max(bright, -seen.darkest) > _SQUARED:
+    bright = min(survey.brightest, limit)
+    if max(bright, -survey.darkest) > _SQUARED:
         return True
-    black = int(seen.brightness.counts[0])  # and denormal numbers, which are as dark
-    lit = seen.brightness.total - black
+    black = int(survey.brightness.counts[0])  # and denormal numbers, which are as dark
+    lit = survey.brightness.total - black
     if not lit:
         return False
     median = black + (lit + 1) // 2
-    low, high = seen.brightness.about(median)
+    low, high = survey.brightness.about(median)
     if bright <= _RANGE * low or bright > _RANGE * high:
         return bright > _RANGE * high
-    return bright > _RANGE * seen.brightness.exactly(median)
+    return bright > _RANGE * survey.brightness.exactly(median)
 
 
 def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:

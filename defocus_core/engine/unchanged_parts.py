@@ -1,4 +1,4 @@
-"""Regions and tiles that are in focus as far as light reaches: copied."""
+"""The part of a region that is computed; pixels in focus beyond its blurred light are copied."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None
     """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
 
     Args:
-        frame: What holds for the whole picture.
+        frame: The frame of the picture.
         grid: The tiles of the region.
         signed_radius: [H, W] px of the frame.
 
@@ -35,7 +35,7 @@ def _reached(frame: Frame, around: Box, radii: Tensor, dim: int) -> Span | None:
     """Blocks along an axis that blurred light reaches; None if none are reached.
 
     Args:
-        frame: What holds for the whole picture.
+        frame: The frame of the picture.
         around: A part of the frame.
         radii: [h, w] px of the part.
         dim: The axis: 0 for rows.
@@ -51,7 +51,7 @@ def _reached(frame: Frame, around: Box, radii: Tensor, dim: int) -> Span | None:
 
 
 def _reach(frame: Frame, least: Tensor, most: Tensor) -> Tensor | int:
-    """How many px away pixels of radii between two ends [n] px can be told from those in focus."""
+    """Px around pixels of radii [n] from least to most in which their blur changes the picture."""
     if frame.content.edges:  # which reveal hidden surfaces, too
         return frame.margin
     ladder = torch.tensor(frame.slices.radii, dtype=torch.float64, device=least.device)
