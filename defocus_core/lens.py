@@ -13,16 +13,7 @@ from torch import Tensor
 from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
 from defocus_core.optics.thin_lens import Scalar, ThinLens
 from defocus_core.render import render
-from defocus_core.runtime.validation import (
-    dense,
-    described,
-    device_named,
-    floating,
-    is_picture,
-    number,
-    numbers,
-    whole,
-)
+from defocus_core.runtime.validation import depth_maps, device_named, floating, number, whole
 
 
 class DefocusLens(ThinLens):
@@ -207,39 +198,6 @@ class DefocusLens(ThinLens):
                 f"{(width, height)}; make the lens with the image's sensor_res"
             )
         return radius
-
-
-def depth_maps(image: Tensor, depth: Tensor, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Depth [B, H, W] of a batch of images, once the two are known to agree.
-
-    Args:
-        image: [B, C, H, W].
-        depth: [B, 1, H, W] or [B, H, W]; what is no tensor gets the dtype and the device.
-        dtype: Type of numbers that have none.
-        device: Device of numbers that have none.
-
-    Raises:
-        ValueError: If they do not agree, or hold no real numbers.
-    """
-    dense("image", image)
-    if not is_picture(image, 4):
-        raise ValueError(
-            f"image must be a floating-point tensor [B, C, H, W], got {described(image)}; "
-            "one image is image[None]"
-        )
-    if not image.numel():
-        raise ValueError(
-            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
-        )
-    count, _, height, width = image.shape
-    depth = numbers("depth", depth, dtype, device)
-    maps = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
-    if maps.shape != (count, height, width):
-        raise ValueError(
-            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
-            f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
-        )
-    return maps
 
 
 def _fitted(radius: Tensor, ks: int, aperture: Aperture, part: Part) -> Tensor:

@@ -18,7 +18,7 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.optics.aperture import Aperture
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import dense, described, is_picture, numbers
+from defocus_core.runtime.validation import check_image, dense, described, numbers
 
 
 def render(
@@ -104,16 +104,7 @@ def render(
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     """[B, C, H, W] pixels and [B, H, W] radii."""
-    dense("image", image)
-    if not is_picture(image, 3, 4):
-        raise ValueError(
-            "image must be a tensor [B, C, H, W] or [C, H, W] of floats, got "
-            f"{described(image)}; decode integers to linear light first"
-        )
-    if not image.numel():
-        raise ValueError(
-            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
-        )
+    check_image(image, alone=True)
     signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
     pixels = image.reshape(-1, *image.shape[-3:])
     count, size = pixels.shape[0], pixels.shape[-2:]
