@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import count, islice
 
 import torch
@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.region import Region
 from defocus_core.engine.unchanged_parts import blurred_part
-from defocus_core.images.box import Box, Span
+from defocus_core.images.box import Box
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid, regions
 from defocus_core.images.views import Views, added, joined
@@ -66,20 +66,18 @@ def rendered_regions(
 
     def computed(grid: Grid) -> Views:
         part = blurred_part(frame, grid, signed_radius) if may_copy else grid
+        if part is None:
+            return _copied(frame, grid, pixels)
         tiles: list[Views] = []
-        if part:
-            with unrecorded():
-                region = Region(frame, part, pixels, signed_radius, hidden, beyond)
-                each = range(len(part.tiles))
-                for tile in threaded(recomputed(region.tile), each, threads // at_once):
-                    tiles.append(tile)
-                    report(grid.box, 1)
-            views = joined(_among_copies(frame, grid.box, part, tiles, pixels))
-        else:
-            views = _copied(frame, grid.box, pixels)
-        copies = len(grid.tiles) - len(tiles)
-        counts = {"tiles": copies, "slice_tiles": 2 * len(frame.slices.radii) * copies}
-        return views._replace(stats=added([views.stats, counts]))
+        with unrecorded():
+            region = Region(frame, part, pixels, signed_radius, hidden, beyond)
+            each = range(len(part.tiles))
+            for tile in threaded(recomputed(region.tile), each, threads // at_once):
+                tiles.append(tile)
+                report(grid.box, 1)
+        rows = [tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)]
+        views = joined(rows)
+        return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
     def handed_over() -> Iterator[Views]:
         parts = threaded(recomputed(computed), grids, at_once)
@@ -90,32 +88,20 @@ def rendered_regions(
     return handed_over()
 
 
-def _among_copies(
-    frame: Frame, whole: Box, part: Grid, tiles: Sequence[Views], pixels: Pixels
-) -> list[list[Views]]:
-    """Rows of views of a rectangle: the tiles of a part of it, and copies around them."""
-    down, across = (
-        (Span(side.first, inner.first), Span(inner.end, side.end))
-        for side, inner in zip(whole.sides, part.box.sides, strict=True)
-    )
-
-    def copied(rows: Span, columns: Span) -> list[Views]:
-        box = Box.over(rows, columns)
-        return [_copied(frame, box, pixels)] if box.area else []
-
-    above, below = (copied(side, whole.sides[1]) for side in down)
-    rows = [above]
-    for first in range(0, len(tiles), part.columns):
-        before, after = (copied(part.tiles[first].sides[0], columns) for columns in across)
-        rows.append([*before, *tiles[first : first + part.columns], *after])
-    return [row for row in (*rows, below) if row]
-
-
-def _copied(frame: Frame, box: Box, pixels: Pixels) -> Views:
-    """Views of a rectangle in focus: its pixels themselves."""
-    image = box.of(pixels).to(frame.dtype)
-    counts = {"pixels": box.area, "pixels_copied": box.area}
-    return Views([image] * frame.views, image.new_ones(1, *image.shape[1:]), counts, box)
+def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
+    """Views of a region in focus: its pixels themselves, but for a part that was computed."""
+    image = grid.box.of(pixels).to(frame.dtype)
+    trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
+    area, tiles, counts = grid.box.area, len(grid.tiles), dict[str, int]()
+    if part:
+        images, counts = [image.clone() for image in images], part.stats
+        where = part.box.seen_from(grid.box)
+        for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
+            where.of(whole).copy_(computed)
+        area, tiles = area - part.box.area, tiles - counts["tiles"]
+    slice_tiles = 2 * len(frame.slices.radii) * tiles
+    of_copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
+    return Views(images, trust, added([counts, of_copies]), grid.box)
 
 
 def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
