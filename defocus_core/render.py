@@ -44,9 +44,9 @@ def render(
     nothing is invented: each half of the aperture is divided by the share of it that saw the
     frame.
 
-    Where gradients are wanted, a region and each tile are computed again in the backward pass: it
-    takes half as long again, and the memory of the pictures and of one region: 440 MB at 960×540,
-    780 MB at 1080p.
+    Where gradients are wanted, each region and its tiles are computed again in the backward pass.
+    This takes half as long again, but only the memory of the pictures and of one region: 440 MB at
+    960×540, 780 MB at 1080p.
 
     Args:
         image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
@@ -54,22 +54,22 @@ def render(
         aperture: The pupil, a round one by default.
         quality: "draft", "standard", "high" or "reference": spacing of slices, parts of the
             aperture. A draft is rendered at half of the size, its tiles and slices too, unless
-            `num_layers` or `psf_ks` is given; what is in focus gets its detail back.
+            `num_layers` or `psf_ks` is given; pixels in focus get their detail back.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the ladder of the quality.
         hidden: The surface behind the visible one where it is known, shaped as the image and the
-            radius; elsewhere it is continued from what lies farther.
+            radius; elsewhere it is continued from farther surfaces.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once. With more than one, torch itself should use one thread
             (torch.set_num_threads(1)).
-        tile: Px on a side of a tile, or cells of two px in a draft, 16 at least; another changes
-            results in the last digits.
-        infinity: Signed radius in px of what is infinitely far: by it averages of distance are
-            told from averages of disparity where depth is anti-aliased. None takes all for the
-            latter.
+        tile: Side of a tile in px, or in cells of two px in a draft, 16 at least; another side
+            changes results in the last digits.
+        infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
+            distinguishes averages of distance from averages of disparity. None takes all for
+            averages of disparity.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
-            "off" takes it as it is given.
+            "off" leaves it as it is.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -118,7 +118,7 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list[Behind | None]:
-    """What is known behind each picture."""
+    """The known layer behind each picture."""
     if hidden is None:
         return [None] * len(pictures)
     tensors = isinstance(hidden, tuple) and all(isinstance(x, Tensor) for x in hidden)

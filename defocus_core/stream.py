@@ -39,8 +39,8 @@ class Stream(Picture):
             settings: The options of `render`.
             hidden: The known layer behind the visible surface.
             hold: Whether there is room for repaired radii and the cells of a draft, together two
-                thirds of the picture in float32; else those of a large one are made again wherever
-                they are looked at.
+                thirds of the picture in float32; without room those of a large picture are made
+                again whenever they are cut.
 
         Raises:
             ValueError: If shapes do not match, a number is not finite, or a CoC does not fit

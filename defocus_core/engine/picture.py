@@ -49,7 +49,7 @@ class Picture:
             settings: The options.
             hidden: The known layer behind the visible surface.
             hold: Whether there is room for the repaired radii and the cells of a large picture that
-                is no tensor; without room they are made again wherever they are looked at.
+                is no tensor; without room they are made again whenever they are cut.
 
         Raises:
             ValueError: If a value is not finite, or a CoC does not fit psf_ks.

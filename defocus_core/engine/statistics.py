@@ -16,7 +16,7 @@ from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.
-MOST = 1e8
+_FARTHEST = 1e8
 # Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
 _RANGE, _SQUARED = 1e3, 1e15
 
@@ -51,7 +51,7 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         threads: Number of bands of rows that are looked at at once.
 
     Raises:
-        ValueError: If a value is not finite, or a radius is beyond `MOST`.
+        ValueError: If a value is not finite, or a radius is greater than 1e8 px.
     """
     H, W = signed_radius.shape
 
@@ -73,9 +73,9 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
         if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    if max(-ends[0], ends[1]) > MOST:
+    if max(-ends[0], ends[1]) > _FARTHEST:
         raise ValueError(
-            f"signed_radius must be within {MOST:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            f"signed_radius must be within {_FARTHEST:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
         )
 
