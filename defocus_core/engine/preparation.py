@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 
 from defocus_core.blur.fourier import reach
@@ -65,13 +67,9 @@ def frame_of(
     numbers = layers(radii, quality)
     exact = settings.num_layers is not None
     stride, halvings = (1, 0) if exact else (quality.hidden_stride, quality.hidden_halvings)
-    if not content.edges:
-        halvings = 0
-    spreads = _spreads(radii, numbers, quality, size, 0)
-    coarse = _spreads(radii, numbers, quality, size, halvings)
-    reaches = [spread.px for spread in spreads]
-    of_coarse = [_in_frame_px(spread.px, halvings, max(size) - 1) for spread in coarse]
-    farthest = max([*reaches, *(of_coarse if content.edges else ())])
+    fine = _at_resolution(radii, numbers, quality, size, 0)
+    coarse = _at_resolution(radii, numbers, quality, size, halvings if content.edges else 0)
+    farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
     grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
@@ -79,9 +77,8 @@ def frame_of(
     if needs_double(survey, content.limit):
         dtype = torch.float64
 
-    def slicing(
-        layer_of: list[int], stride: int, halvings: int, spreads: list[Spread], px: list[int]
-    ) -> Slicing:
+    def slicing(resolution: _Resolution, layer_of: list[int], stride: int) -> Slicing:
+        halvings, spreads, reaches = resolution
         of_slices = windows(
             tuple(r / (1 << halvings) for r in radii),
             spreads,
@@ -94,49 +91,52 @@ def frame_of(
             pixels.device,
         )
         cells = [spread.px for spread in spreads]
-        return Slicing(stride, halvings, of_slices, layer_of, cells, px)
+        return Slicing(stride, halvings, of_slices, layer_of, cells, reaches)
 
     order = turns(radii, numbers)
     octaves = kept_apart(radii, order.ahead)
-    known = alike(numbers, octaves, spreads, tile)
-    invented = alike(numbers, octaves, coarse, _halved(tile, halvings))
-    return Frame(
-        size=size,
-        settings=settings,
-        quality=quality,
-        dtype=dtype,
-        grid=grid,
-        margin=margin,
-        content=content,
-        slices=Slices(
-            radii,
-            order,
-            octaves,
-            visible=slicing(numbers, 1, 0, spreads, reaches),
-            known=slicing(known, 1, 0, spreads, reaches),
-            invented=slicing(invented, stride, halvings, coarse, of_coarse),
-        ),
-        division=division,
+    known = alike(numbers, octaves, fine.spreads, tile)
+    invented = alike(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
+    slices = Slices(
+        radii,
+        order,
+        octaves,
+        visible=slicing(fine, numbers, 1),
+        known=slicing(fine, known, 1),
+        invented=slicing(coarse, invented, stride),
     )
+    return Frame(size, settings, quality, dtype, grid, margin, content, slices, division)
 
 
-def _spreads(
+class _Resolution(NamedTuple):
+    """The slices at a resolution that is halved some times before anything else.
+
+    Attributes:
+        halvings: How many times it is halved.
+        spreads: The spread of each slice, in cells of this resolution.
+        reaches: For each slice the greatest reach of its light in px of the frame.
+    """
+
+    halvings: int
+    spreads: list[Spread]
+    reaches: list[int]
+
+
+def _at_resolution(
     radii: tuple[float, ...],
     numbers: list[int],
     quality: Quality,
     size: tuple[int, int],
     halvings: int,
-) -> list[Spread]:
-    """How slices are blurred, in cells of a resolution halved some times."""
-    step = 1 << halvings
+) -> _Resolution:
+    """The slices of a frame of (height, width) px at a resolution."""
+    step, most = 1 << halvings, max(size) - 1
     scaled = tuple(r / step for r in radii)
-    return spreads_of(scaled, numbers, quality.full_resolution / step, -(-(max(size) - 1) // step))
-
-
-def _in_frame_px(cells: int, halvings: int, most: int) -> int:
-    """The reach in px of the frame, `most` at most, of light that spreads over so many cells."""
-    # a pixel has shares in cells beside it, and is read between two
-    return min((cells + 2) * (1 << halvings) - 1, most) if halvings else cells
+    spreads = spreads_of(scaled, numbers, quality.full_resolution / step, -(-most // step))
+    reaches = [spread.px for spread in spreads]
+    if halvings:  # a pixel has shares in cells beside it, and is read between two
+        reaches = [min((px + 2) * step - 1, most) for px in reaches]
+    return _Resolution(halvings, spreads, reaches)
 
 
 def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:

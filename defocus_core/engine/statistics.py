@@ -16,7 +16,7 @@ from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.
-_FARTHEST = 1e8
+_MOST_PX = 1e8
 # Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
 _RANGE, _SQUARED = 1e3, 1e15
 
@@ -73,9 +73,9 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
         if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    if max(-ends[0], ends[1]) > _FARTHEST:
+    if max(-ends[0], ends[1]) > _MOST_PX:
         raise ValueError(
-            f"signed_radius must be within {_FARTHEST:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            f"signed_radius must be within {_MOST_PX:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
         )
 
