@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.point_spread import PsfLens
 from defocus_core.render import render
-from defocus_core.runtime.validation import dense, described, floating, is_picture, numbers
+from defocus_core.runtime.validation import depth_maps, floating
 
 
 class DefocusLens(PsfLens):
@@ -95,23 +95,11 @@ class DefocusLens(PsfLens):
 
     def _image_radius(self, image: Tensor, depth: Tensor, *, either_sign: bool = False) -> Tensor:
         """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
-        dense("the image", image)
-        if not is_picture(image, 4):
-            raise ValueError(
-                f"the image must be a floating-point tensor [B, C, H, W], got {described(image)}; "
-                "one image is image[None]"
-            )
-        batch, _, height, width = image.shape
-        depth = numbers("depth", depth, floating(self.dtype), image.device)
-        planes = depth[:, None] if depth.ndim == 3 else depth
-        if planes.shape != (batch, 1, height, width):
-            raise ValueError(
-                f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={batch}, H={height}, "
-                f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
-            )
+        planes = depth_maps(image, depth, floating(self.dtype), image.device)
         if either_sign and bool((planes < 0).all()):
             planes = -planes
-        radius = self.signed_radius(planes)  # which looks at the sensor, too
+        height, width = planes.shape[1:]
+        radius = self.signed_radius(planes[:, None])  # which looks at the sensor, too
         if width > self.sensor_res[0] or height > self.sensor_res[1]:
             raise ValueError(
                 f"the image must lie within sensor_res={self.sensor_res} (W, H), got "

@@ -17,6 +17,7 @@ from defocus_core import (
     Distribution,
     HiddenLayer,
     RandomDefocus,
+    Settings,
     cheapest_within,
     quantisation,
     render,
@@ -35,8 +36,8 @@ def drawn(image: Any = IMAGE[None], depth: Any = DEPTH, seeds: Any = (1,), **ran
     return RandomDefocus(**ranges)(image, depth, seeds)
 
 
-def streamed(image: Any = IMAGE, radius: Any = RADIUS, **options: Any) -> Any:
-    return list(Stream(image, radius, **options).regions())
+def streamed(image: Any = IMAGE, radius: Any = RADIUS, hidden: Any = None, **options: Any) -> Any:
+    return list(Stream(image, radius, Settings(**options), hidden).regions())
 
 
 WRONG: list[tuple[Callable[[], Any], str]] = [
@@ -134,7 +135,7 @@ def test_tensors_that_are_not_dense_are_refused(at: int) -> None:
     scene = (IMAGE[None], RADIUS[None])
     uses = [
         ("image", lambda: render(image, RADIUS)),
-        ("the image", lambda: lens().render_rgbd(image, DEPTH)),
+        ("image", lambda: lens().render_rgbd(image, DEPTH)),
         ("image", lambda: drawn(image)),
         ("signed_radius", lambda: render(IMAGE, radius)),
         ("depth", lambda: lens().render_rgbd(IMAGE[None], depth)),
