@@ -128,7 +128,7 @@ def _thin(lens: Lens, size: tuple[int, int]) -> DefocusLens:
     width, height = size
     sensor = (lens.sensor_width, lens.sensor_width * height / width)
     try:
-        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64)
+        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64)
         thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
     except ValueError as error:
         option = f"{lens.focus_source}focus"
