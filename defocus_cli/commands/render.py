@@ -13,7 +13,7 @@ from defocus_cli.batch.plan import make_plan
 from defocus_cli.dataset import update
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
-from defocus_cli.jobs.pairing import find_pictures, with_hidden
+from defocus_cli.jobs.pairing import find_pictures
 from defocus_cli.options import shared
 from defocus_cli.options.lens import lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
@@ -84,7 +84,7 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = with_hidden(find_pictures(color, depth), color, hidden)
+    pictures = find_pictures(color, depth, hidden)
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
     how = functools.partial(How, read_inputs=check_inputs == "hash")
     if dry_run:

@@ -15,20 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs import lens_options, picture_lists
 from defocus_cli.jobs.job import Picture
-from defocus_cli.jobs.pairing import (
-    COLOR_SUFFIXES,
-    DEPTH_SUFFIXES,
-    SCENE_SUFFIXES,
-    find_pictures,
-    with_hidden,
-)
-from defocus_cli.jobs.picture_lists import has_wildcard, matching
+from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import InputError, UsageProblem
 
@@ -73,59 +65,19 @@ def read_inputs(table: Table) -> list[Entry]:
 
 
 def _from_files(table: Table) -> list[Entry]:
-    color, depth, *behind = (table.text(key) for key in FILES)
+    color, depth, hidden_color, hidden_depth = (
+        text if text is None else Path(text) for text in map(table.text, FILES)
+    )
     if color is None:
-        given = next((key for key in FILES if key in table.values), None)
-        if given is not None:
-            raise UsageProblem(table.place(given), "stands without color", "add color")
+        lone = next((key for key in FILES if key in table.values), None)
+        if lone is not None:
+            raise UsageProblem(table.place(lone), "stands without color", "add color")
         return []
-    hidden_color, hidden_depth = behind
     if hidden_color is None and hidden_depth is not None:
         raise UsageProblem(table.place("hidden-depth"), "stands without hidden-color", "add that")
-    folder = table.file.parent
-    if not any(has_wildcard(text) for text in (color, depth, *behind) if text):
-        pictures = find_pictures(folder / color, folder / depth if depth else None)
-        if hidden_color is not None:
-            paths = folder / hidden_color, folder / (hidden_depth or hidden_color)
-            pictures = with_hidden(pictures, folder / color, paths)
-    else:
-        pictures = _matched(table, "color", "depth")
-        if hidden_color is not None:
-            known = {
-                picture.stem: picture for picture in _matched(table, "hidden-color", "hidden-depth")
-            }
-            _refuse_unpaired(table, {p.stem: p.color for p in pictures}, known, "hidden-color")
-            pictures = [Picture(p.stem, p.color, p.depth, known[p.stem]) for p in pictures]
+    hidden = None if hidden_color is None else (hidden_color, hidden_depth)
+    pictures = find_pictures(color, depth, hidden, patterns_in=table.file.parent)
     return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
-
-
-def _matched(table: Table, color: str, depth: str) -> list[Picture]:
-    """Pictures whose colour and depth are named alike by two patterns, or by one for both."""
-    keys = [key for key in (color, depth) if key in table.values]
-    for key in keys:
-        if not has_wildcard(table.values[key]):
-            problem = f"has no * though others of {', '.join(FILES)} have"
-            raise UsageProblem(table.place(key), problem, "write all as patterns, or none")
-    folder = table.file.parent
-    if len(keys) == 1:
-        scenes = matching(folder, table.values[color], SCENE_SUFFIXES)
-        return [Picture(name, path, path) for name, path in scenes.items()]
-    colors = matching(folder, table.values[color], COLOR_SUFFIXES)
-    depths = matching(folder, table.values[depth], DEPTH_SUFFIXES)
-    _refuse_unpaired(table, colors, depths, depth)
-    _refuse_unpaired(table, depths, colors, color)
-    return [Picture(name, path, depths[name]) for name, path in colors.items()]
-
-
-def _refuse_unpaired(
-    table: Table, files: Mapping[str, Path], others: Mapping[str, object], key: str
-) -> None:
-    lone = [name for name in files if name not in others]
-    if lone:
-        more = f" and for {len(lone) - 1} more" if len(lone) > 1 else ""
-        problem = f"matches nothing named '{lone[0]}' for {files[lone[0]]}{more}"
-        remedy = "what the wildcards stand for must be the same in both patterns"
-        raise InputError(table.place(key), problem, remedy)
 
 
 def _lists(table: Table) -> list[Path]:
@@ -198,11 +150,7 @@ def _stem(value: object, where: str) -> str:
 
 def _refuse_lost(entries: Sequence[Entry], file: Path) -> None:
     """Refuse a list of paths relative to something else; what is missing alone fails alone."""
-    if not any(_exists(entry) for entry in islice(entries, _TRIED)):
+    if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
         first = entries[0]
         remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
         raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
-
-
-def _exists(entry: Entry) -> bool:
-    return entry.picture.color.exists()
