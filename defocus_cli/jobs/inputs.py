@@ -20,6 +20,7 @@ from typing import Any
 
 from defocus_cli.jobs import lens_options, picture_lists
 from defocus_cli.jobs.job import Picture
+from defocus_cli.jobs.lens_options import checked
 from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import InputError, UsageProblem
@@ -112,11 +113,13 @@ def _from_tables(table: Table) -> list[Entry]:
 
 
 def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
-    options = {}
-    for key, value in row.items():
-        if key not in ROW_KEYS:
-            lens_options.refuse_unknown(key, where, "a row", more=ROW_KEYS)
-            options[key] = lens_options.text_of(value)
+    lens_options.refuse_unknown(row, where, "a row", more=ROW_KEYS)
+    options = {
+        key: checked(key, value, f"{where}: {key}")
+        for key, value in row.items()
+        if key not in ROW_KEYS
+    }
+    lens_options.refuse_both(options, f"{where}: ")
     paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError(where, "names no color", "give it the path of a colour file")

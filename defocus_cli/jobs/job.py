@@ -14,7 +14,6 @@ from typing import Any
 
 from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
-from defocus_cli.jobs.random_lenses import Draw
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DEPTH_REPAIRS = ("auto", "off")
@@ -41,6 +40,25 @@ class Picture:
         if self.hidden is not None:
             files |= {"hidden_color": self.hidden.color, "hidden_depth": self.hidden.depth}
         return files
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Which of the random lenses of a picture this is.
+
+    Attributes:
+        seed: what the user chose.
+        picture: the picture's name.
+        index: which of the draws for it.
+        options: all options of the lens as texts, those that are drawn and those that are not.
+        attempt: how many draws did not suit the picture before this one.
+    """
+
+    seed: int
+    picture: str
+    index: int
+    options: tuple[tuple[str, str], ...]
+    attempt: int = 0
 
 
 @dataclass(frozen=True)

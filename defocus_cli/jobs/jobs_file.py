@@ -70,8 +70,6 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     if len(entries) * plan.count > MOST_JOBS:
         problem = f"asks for {len(entries) * plan.count} pictures"
         raise UsageProblem(path, problem, f"split it into files of at most {MOST_JOBS}")
-    for entry in entries:
-        plan.check(entry)
     return [
         Job(entry.picture, lens, reading, outputs, machine, suffix)
         for entry in entries

@@ -6,92 +6,79 @@ over ``[lens]``, and ``[lens]`` over the lens file that it names.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from defocus_cli.jobs.inputs import Entry
-from defocus_cli.jobs.job import Lens
-from defocus_cli.jobs.lens_file import lens_of, read_lens_file, refuse_near_focus
+from defocus_cli.jobs.job import Draw, Lens
 from defocus_cli.jobs.lens_options import (
     ALTERNATIVES,
-    EXAMPLES,
     PARSERS,
+    checked,
+    lens_of,
     merged,
     parsed,
+    read_lens_file,
     refuse_both,
     refuse_idle_turn,
-    text_of,
-    written,
+    refuse_missing,
+    refuse_near_focus,
 )
-from defocus_cli.jobs.quantities import Percentile, QuantityError, pixel_count
-from defocus_cli.jobs.random_lenses import Draw, Sampling, distribution, read_sampling
+from defocus_cli.jobs.quantities import Percentile, pixel_count
+from defocus_cli.jobs.random_lenses import Sampling, distribution, drawn_lens, read_sampling
 from defocus_cli.jobs.sweep import Point, read_sweep
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem
 
 KEYS = (*PARSERS, "file", "max-coc")
-Named = tuple[str, Lens]
 
 
 @dataclass(frozen=True)
 class LensPlan:
-    """What the lenses of all pictures have in common."""
+    """The lenses that take each picture.
 
-    place: str  # of [lens], for errors
+    Attributes:
+        source: the jobs file, as errors begin with it.
+        options: of all lenses.
+        points: options of each lens of the sweep.
+        sampling: options that are drawn for each of these.
+        max_coc: px of CoC radius that no lens exceeds.
+        taken: options that are swept or drawn, and the name of the table that says so.
+    """
+
+    source: str
     options: Mapping[str, str]
-    points: tuple[Point, ...]
+    points: Sequence[Point]
     sampling: Sampling
     max_coc: float | None
-    taken: Mapping[str, str]  # options that are swept or drawn, and the table that says so
+    taken: Mapping[str, str]
 
     @property
     def count(self) -> int:
         """How many lenses take each picture."""
         return len(self.points) * max(self.sampling.count, 1)
 
-    def check(self, entry: Entry) -> None:
-        """Refuse a picture's own options if they make no sense, or are swept or drawn.
-
-        Raises:
-            UsageProblem: naming the picture's place.
-        """
-        for name, text in entry.options.items():
-            _parsed(name, text, f"{entry.where}: {name}")
-            if name in self.taken:
-                problem = f"is in [{self.taken[name]}], too"
-                raise UsageProblem(f"{entry.where}: {name}", problem, "remove one of them")
-        refuse_both(entry.options, f"{entry.where}: ")
-
-    def lenses(self, entry: Entry) -> Iterator[Named]:
+    def lenses(self, entry: Entry) -> Iterator[tuple[str, Lens]]:
         """What each lens adds to the picture's name, and the lens.
 
         Raises:
-            UsageProblem: an option is missing, or the focus is too near.
+            UsageProblem: an option is missing or in two places, or the focus is too near.
         """
+        _refuse_taken(entry.options, self.taken, f"{entry.where}: ")
         shared = merged(merged(self.options, self.sampling.options), entry.options)
+        source = f"{entry.where}: " if entry.options else self.source
         for point in self.points:
             options = merged(shared, point.options)
-            place = entry.where if entry.options else self.place
-            _check_lens(options, place)
-            if self.sampling.count:
-                yield from self._drawn(entry.picture.stem, point.suffix, options, place)
-            else:
+            _check_lens(options, source)
+            if not self.sampling.count:
                 values = {name: parsed(name, text) for name, text in options.items()}
-                lens = lens_of(values, _source(place))
-                yield point.suffix, dataclasses.replace(lens, max_coc=self.max_coc)
-
-    def _drawn(
-        self, picture: str, suffix: str, options: Mapping[str, str], place: str
-    ) -> Iterator[Named]:
-        """Lenses that were drawn, and from what: the depth may ask for another draw."""
-        texts = tuple(options.items())
-        for index in range(self.sampling.count):
-            draw = Draw(self.sampling.seed, picture, index, texts)
-            lens = lens_of(draw.values(), _source(place))
-            lens = dataclasses.replace(lens, max_coc=self.max_coc, draw=draw)
-            yield f"{suffix}_s{index:03}", lens
+                yield point.suffix, replace(lens_of(values, source), max_coc=self.max_coc)
+            for index in range(self.sampling.count):
+                texts = tuple(options.items())
+                draw = Draw(self.sampling.seed, entry.picture.stem, index, texts)
+                lens = drawn_lens(draw, source, self.max_coc)
+                yield f"{point.suffix}_s{index:03}", lens
 
 
 def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
@@ -102,23 +89,22 @@ def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
         UsageProblem: a key is unknown, a value makes no sense or two contradict each other.
     """
     lens.refuse_unknown(KEYS)
-    own = {name: text_of(lens.values[name]) for name in PARSERS if name in lens.values}
+    own = {
+        name: checked(name, lens.values[name], lens.place(name))
+        for name in PARSERS
+        if name in lens.values
+    }
     refuse_both(own, f"{lens.file}: [lens] ")
-    for name, text in own.items():
-        _parsed(name, text, lens.place(name))
-    points, sampling = tuple(read_sweep(sweep)), read_sampling(sample)
-    taken: dict[str, str] = {}
-    swept = {name for point in points for name in point.options}
-    for table, names in ((sweep, swept), (sample, sampling.options), (lens, own)):
-        for name in names:
-            if name in taken:
-                problem = f"is in [{taken[name]}], too"
-                raise UsageProblem(table.place(name), problem, "remove one of them")
-        if table is not lens:
-            taken |= {same: table.name for name in names for same in _same(name)}
+    points, sampling = read_sweep(sweep), read_sampling(sample)
+    taken = {same: sweep.name for point in points for name in point.options for same in _same(name)}
+    _refuse_taken(sampling.options, taken, sample.place(""))
+    taken |= {same: sample.name for name in sampling.options for same in _same(name)}
+    _refuse_taken(own, taken, lens.place(""))
+    file = lens.text("file")
+    stored = {} if file is None else read_lens_file(lens.file.parent / file)
     return LensPlan(
-        place=f"{lens.file}: [lens]",
-        options=merged(_from_lens_file(lens), own),
+        source=f"{lens.file}: ",
+        options=merged(stored, own),
         points=points,
         sampling=sampling,
         max_coc=_max_coc(lens, sample),
@@ -126,62 +112,39 @@ def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
     )
 
 
-def _from_lens_file(lens: Table) -> dict[str, str]:
-    name = lens.text("file")
-    if name is None:
-        return {}
-    stored = read_lens_file(lens.file.parent / name)
-    return {option: written(option, value) for option, value in stored.items()}
-
-
 def _max_coc(lens: Table, sample: Table) -> float | None:
-    given = [table for table in (lens, sample) if "max-coc" in table.values]
-    if len(given) > 1:
-        raise UsageProblem(lens.place("max-coc"), "is in [sample], too", "remove one of them")
-    for table in given:
-        try:
-            return pixel_count(text_of(table.values["max-coc"]))
-        except QuantityError as error:
-            raise UsageProblem(table.place("max-coc"), error.problem, error.remedy) from None
-    return None
+    if "max-coc" in sample.values:
+        _refuse_taken(lens.values, {"max-coc": sample.name}, lens.place(""))
+    table = sample if "max-coc" in sample.values else lens
+    return table.parsed("max-coc", pixel_count)
 
 
-def _check_lens(options: Mapping[str, str], place: str) -> None:
+def _check_lens(options: Mapping[str, str], source: str) -> None:
     """Refuse a lens that lacks an option, has one in vain, or could be focused too near."""
-    for name, other in (("focal-length", None), *ALTERNATIVES):
-        if name not in options and other not in options:
-            example = EXAMPLES[name] if name == "fnumber" else f'"{EXAMPLES[name]}"'
-            told = f"{name}, nor {other}" if other else name
-            raise UsageProblem(place, f"has no {told}", f"write {name} = {example}")
-    nearest, longest = _extreme(options, "focus", 0), _extreme(options, "focal-length", 1)
-    if nearest is not None and longest is not None:
-        refuse_near_focus(nearest, longest, f"{_source(place)}focus")
-    turned = any(_extreme(options, "blade-rotation", side) for side in (0, 1))
-    refuse_idle_turn(turned, _extreme(options, "blades", 1), _source(place))
+    refuse_missing(options, source)
+    nearest = min(_extremes(options, "focus"), default=math.inf)
+    longest = max(_extremes(options, "focal-length"))
+    refuse_near_focus(nearest, longest, f"{source}focus")
+    turned, bladed = (any(_extremes(options, name)) for name in ("blade-rotation", "blades"))
+    refuse_idle_turn(turned, bladed, source)
 
 
-def _source(place: str) -> str:
-    """The file of a place, as errors begin with it."""
-    return f"{place.partition(': [')[0]}: "
-
-
-def _extreme(options: Mapping[str, str], name: str, side: int) -> float | None:
-    """The least (0) or greatest (1) value that an option can get; None if the depth decides."""
+def _extremes(options: Mapping[str, str], name: str) -> list[float]:
+    """The values that an option can get, or the ends of their range; none if the depth decides."""
     if name not in options:
-        return None
+        return []
     drawn = distribution(name, options[name])
     if drawn is not None and drawn.kind == "percentile":
-        return None
+        return []
     values = (parsed(name, options[name]),) if drawn is None else drawn.values
-    plain = [float(value) for value in values if not isinstance(value, Percentile)]
-    return (min, max)[side](plain, default=None)
+    return [float(value) for value in values if not isinstance(value, Percentile)]
 
 
-def _parsed(name: str, text: str, where: str) -> Any:
-    try:
-        return parsed(name, text)
-    except QuantityError as error:
-        raise UsageProblem(where, error.problem, error.remedy) from None
+def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str) -> None:
+    """Refuse an option that a table of the jobs file has, too."""
+    for name in options:
+        if name in taken:
+            raise UsageProblem(f"{source}{name}", f"is in [{taken[name]}], too", "remove one")
 
 
 def _same(name: str) -> set[str]:

@@ -1,4 +1,4 @@
-"""Pictures found in files, directories and patterns: colour, depth and hidden files, paired by name.
+"""Pictures found in files, directories and patterns: colour, depth and hidden files of one name.
 
 The name of a file is its stem in a directory, and what the wildcards stand for in a pattern. A lone
 file pairs with any other lone file, whatever their stems.
@@ -89,7 +89,9 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None) -> _Files:
         if file.suffix.lower() not in suffixes or file.is_dir():
             continue
         if name in by_name:
-            problem = f"names both {by_name[name]} and {file} '{name}', so their outputs would clash"
+            problem = (
+                f"names both {by_name[name]} and {file} '{name}', so their outputs would clash"
+            )
             raise InputError(path, problem, "rename or move one of them, or use a narrower pattern")
         by_name[name] = file
     if not by_name:

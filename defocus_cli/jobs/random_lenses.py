@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.lens_options import PARSERS, parsed, refuse_both, text_of
-from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage
+from defocus_cli.jobs.job import Draw, Lens
+from defocus_cli.jobs.lens_options import PARSERS, lens_of, parsed, refuse_both
+from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage, text_of
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem, reason
 
@@ -29,35 +30,21 @@ _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 _NOT_RANGED = ("blades", "focus-at")
 
 
-@dataclass(frozen=True)
-class Draw:
-    """Which of the random lenses this is.
+def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
+    """The lens of a draw.
 
-    Attributes:
-        seed: what the user chose.
-        picture: the picture's name.
-        index: which of the draws for it.
-        options: all options of the lens as texts, those that are drawn and those that are not.
-        attempt: how many draws did not suit the picture before this one.
+    Args:
+        draw: which of the random lenses.
+        source: of the option that says where its focus is, for errors.
+        max_coc: px of CoC radius that it must not exceed in its picture.
     """
+    from defocus_core import drawn
 
-    seed: int
-    picture: str
-    index: int
-    options: tuple[tuple[str, str], ...]
-    attempt: int = 0
-
-    def values(self) -> dict[str, Any]:
-        """Options of the lens, parsed or drawn."""
-        from defocus_core import drawn
-
-        options = {
-            name: distribution(name, text) or parsed(name, text) for name, text in self.options
-        }
-        values = drawn(options, self.seed, self.picture, self.index, self.attempt)
-        if getattr(options.get("focus"), "kind", "") == "percentile":
-            values["focus"] = Percentile(values["focus"])
-        return values
+    options = {name: distribution(name, text) or parsed(name, text) for name, text in draw.options}
+    values = drawn(options, draw.seed, draw.picture, draw.index, draw.attempt)
+    if getattr(options.get("focus"), "kind", "") == "percentile":
+        values["focus"] = Percentile(values["focus"])
+    return replace(lens_of(values, source), max_coc=max_coc, draw=draw)
 
 
 @dataclass(frozen=True)

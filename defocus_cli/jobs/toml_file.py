@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from defocus_cli.jobs.quantities import QuantityError
+from defocus_cli.jobs.quantities import QuantityError, text_of
 from defocus_cli.system.errors import InputError, UsageProblem, did_you_mean, reason
 
 T = TypeVar("T")
@@ -69,11 +69,10 @@ class Table:
 
     def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
         """A quantity, or None."""
-        value = self.text(key)
-        if value is None:
+        if key not in self.values:
             return None
         try:
-            return parse(value)
+            return parse(text_of(self.values[key]))
         except QuantityError as error:
             raise UsageProblem(self.place(key), error.problem, error.remedy) from None
 

@@ -11,8 +11,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Lens, Machine
-from defocus_cli.jobs.lens_file import lens_of, refuse_near_focus
+from defocus_cli.jobs.lens_options import refuse_near_focus
 from defocus_cli.jobs.quantities import Percentile, length_text
+from defocus_cli.jobs.random_lenses import drawn_lens
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import (
     InputError,
@@ -43,8 +44,11 @@ def focused(lens: Lens, depth: Depth) -> Lens:
     from defocus_core import ATTEMPTS
 
     for attempt in range(ATTEMPTS):
+        if attempt and lens.draw is not None:
+            draw = dataclasses.replace(lens.draw, attempt=attempt)
+            lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
         try:
-            return _suited(_found(_drawn(lens, attempt), depth), depth)
+            return _suited(_found(lens, depth), depth)
         except Rejected as error:
             if lens.draw is None:
                 raise
@@ -134,14 +138,6 @@ def _thin(lens: Lens, size: tuple[int, int]) -> DefocusLens:
         option = f"{lens.focus_source}focus"
         raise UsageProblem(option, reason(error), "check the lens options") from error
     return thin
-
-
-def _drawn(lens: Lens, attempt: int) -> Lens:
-    if lens.draw is None or attempt == 0:
-        return lens
-    draw = dataclasses.replace(lens.draw, attempt=attempt)
-    other = lens_of(draw.values(), lens.focus_source)
-    return dataclasses.replace(other, max_coc=lens.max_coc, draw=draw)
 
 
 def _found(lens: Lens, depth: Depth) -> Lens:

@@ -119,7 +119,10 @@ def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path: Path) ->
         ('color = "*.png"\nhidden-depth = "h"', "hidden-depth: stands without hidden-color"),
         ("color = 7", r"\[inputs\] color: 7 is not a text"),
         ('color = "no.exr"', r"no\.exr: no such file"),
-        ('color = "x*.png"\ndepth = "*.npy"', r"x\*\.png: holds no file of a known type; .* exr, hdr"),
+        (
+            'color = "x*.png"\ndepth = "*.npy"',
+            r"x\*\.png: holds no file of a known type; .* exr, hdr",
+        ),
         ('color = "*.png"\ndepth = "1.npy"', r"\*\.png: is a pattern but .*1\.npy is a file"),
         ('color = "*.png"\ndepth = "*.npy"', r"\*\.npy: holds nothing named '2' like .*2\.png"),
         ('color = "?.jpg"\ndepth = "?.npy"', r"\?\.jpg: holds nothing named '3' like .*3\.npy"),

@@ -74,12 +74,18 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         ("lens = 1\n", r"unknown key 'lens'"),
         ("[lens]\nfocus-length = 1\n", r"\[lens\]: unknown key 'focus-length'"),
         ("[lens]\nfocal-length = 50\n", r"\[lens\] focal-length: '50' has no unit; write it with"),
-        ("[lens]\nfnumber = 2\nfocus = '2m'\n", r"\[lens\]: has no focal-length; write focal-"),
+        (
+            "[lens]\nfnumber = 2\nfocus = '2m'\n",
+            r"jobs\.toml: focal-length: is missing; write focal-",
+        ),
         (
             LENS + "focus = '2m'\n",
-            r"\[lens\]: has no fnumber, nor aperture-diameter; write fnumber",
+            r"fnumber: is missing; write fnumber = .* or aperture-diameter below \[lens\]",
         ),
-        (LENS + "fnumber = 2\n", r"\[lens\]: has no focus, nor focus-at; write focus = \"2m\""),
+        (
+            LENS + "fnumber = 2\n",
+            r"focus: is missing; write focus = \"2m\" or focus-at below \[lens\]",
+        ),
         (FIXED + "focus-at = [1, 2]\n", r"\[lens\] focus: contradicts focus-at"),
         (LENS + "fnumber = 2\nfocus = '4cm'\n", r"jobs\.toml: focus: 40mm is not farther than"),
         (FIXED + "max-coc = '4mm'\n", r"\[lens\] max-coc: '4mm' has an unknown unit"),
