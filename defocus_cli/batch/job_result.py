@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.jobs.job import Job, lens_record
 from defocus_cli.journal import identity
 from defocus_cli.journal.reasons import Step, verdict
-from defocus_cli.rendering import job_steps
+from defocus_cli.rendering import delivery, job_steps
 
 if TYPE_CHECKING:
     from defocus_cli.rendering.outcome import Loaded, Made
@@ -91,7 +91,7 @@ def write(computed: Computed) -> Result:
     start = time.perf_counter()
     job, inputs = computed.ready.job, computed.ready.inputs
     try:
-        outcome = job_steps.write(computed.made)
+        outcome = delivery.write(computed.made)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path)}
             for name, path in job.names.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.quantities import length_text
@@ -14,9 +14,8 @@ from defocus_cli.system.safe_files import written_together
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from defocus_cli.formats.color import Color
     from defocus_cli.formats.kinds import Kind
-    from defocus_cli.rendering.outcome import Outcome
+    from defocus_cli.rendering.outcome import Made, Outcome
 
 
 class _OfRadius:
@@ -31,24 +30,8 @@ class _OfRadius:
         return values
 
 
-def deliver(
-    color: Color,
-    radius: Any,
-    images: Mapping[str, tuple[Any, ...]],
-    clamped: Mapping[str, int],
-    outcome: Outcome,
-) -> tuple[str, ...]:
-    """Write what a job asks for, all or nothing.
-
-    Args:
-        color: what was read, with the metadata and further channels to carry along.
-        radius: signed CoC radius in px, [H, W].
-        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
-        clamped: how many pixels of a kind were clamped to be half.
-        outcome: what the header of an EXR tells about the job.
-
-    Returns:
-        What the files could not hold, for people.
+def write(made: Made) -> Outcome:
+    """Write what a job computed, all its files or none; its outcome, with what files cannot hold.
 
     Raises:
         InputError: a file cannot be written.
@@ -56,6 +39,7 @@ def deliver(
     from defocus_cli.formats.encode import write_image, write_map
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
+    outcome, color = made.outcome, made.color
     outputs = outcome.job.outputs
     paths, previews = outcome.job.paths, outcome.job.previews
     warnings: list[str] = []
@@ -65,7 +49,7 @@ def deliver(
     with written_together():
         for kind in outputs.rows:
             path, preview = paths[kind.name], previews.get(kind.name)
-            planes = images[kind.name] if kind.rendered else (_OfRadius(radius, kind),)
+            planes = made.images[kind.name] if kind.rendered else (_OfRadius(made.radius, kind),)
             attributes = _attributes(outcome, kind)
             if kind.image:
                 lost = write_image(
@@ -77,7 +61,7 @@ def deliver(
                     attributes={**color.attributes, **attributes},
                     extras=color.extras,
                     corner=color.corner,
-                    clamped=clamped.get(kind.name, 0),
+                    clamped=made.clamped.get(kind.name, 0),
                 )
                 warnings += [f"{kind.name}: {warning}" for warning in lost]
             else:
@@ -88,7 +72,7 @@ def deliver(
                 write_preview(preview, Stack(planes))
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
         warnings += color.left_out
-    return tuple(warnings)
+    return replace(outcome, warnings=(*outcome.warnings, *warnings))
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:

@@ -1,8 +1,7 @@
-"""The three steps of a job: read its inputs, compute its pictures, write them."""
+"""Steps of a job before it is written: read its inputs, compute its pictures."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -93,18 +92,6 @@ def _unheeded(loaded: Loaded) -> tuple[str, ...]:
     """What in the files of a picture was not heeded."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
     return *loaded.color.warnings, *(f"hidden: {warning}" for warning in behind)
-
-
-def write(made: Made) -> Outcome:
-    """Write what a job computed: all its files or none.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
-    from defocus_cli.rendering.delivery import deliver
-
-    warnings = deliver(made.color, made.radius, made.images, made.clamped, made.outcome)
-    return dataclasses.replace(made.outcome, warnings=(*made.outcome.warnings, *warnings))
 
 
 def load() -> None:

@@ -58,19 +58,18 @@ class Holding:
         """Where its arrays are kept."""
         return Keeping(self.scratch)
 
-    @property
-    def held_mb(self) -> float:
-        """What is held in memory beside what is computed."""
-        return strips_mb(self.arrays_mb) + self.whole_mb if self.scratch else self.arrays_mb
-
 
 def holding(job: Job) -> Holding:
     """What the picture of a job takes, from the headers of its files."""
-    arrays, whole = _sizes(job)
-    room = capacity_mb(job.machine)
-    scratch = arrays > _FOR_ARRAYS * room
-    files = strips_mb(arrays) if scratch else _beside_each_other_mb(arrays, room)
-    return Holding(arrays, whole, scratch, files, max(room - files, 0.0))
+    return _held(*_sizes(job), capacity_mb(job.machine))
+
+
+def _held(arrays_mb: float, whole_mb: float, room_mb: float) -> Holding:
+    """What a picture takes of the room that a process has beyond itself."""
+    scratch = arrays_mb > _FOR_ARRAYS * room_mb
+    strips = min(_STRIPS_MB, 2 * arrays_mb)
+    files = strips if scratch else _beside_each_other_mb(arrays_mb, room_mb)
+    return Holding(arrays_mb, whole_mb, scratch, files, max(room_mb - files, 0.0))
 
 
 def _beside_each_other_mb(arrays_mb: float, room_mb: float) -> float:
@@ -78,21 +77,13 @@ def _beside_each_other_mb(arrays_mb: float, room_mb: float) -> float:
     return min(max(arrays_mb, _FOR_PICTURES * room_mb), _PICTURES * arrays_mb)
 
 
-def strips_mb(arrays_mb: float) -> float:
-    """What strips of arrays take that are read, computed, or written."""
-    return min(_STRIPS_MB, 2 * arrays_mb)
-
-
 def enough_mb(job: Job, needed_mb: float) -> float:
-    """The least limit, above that of a job, with which there is so much to compute in."""
-    arrays, _ = _sizes(job)
-    in_scratch = needed_mb + strips_mb(arrays)
-    # Rounded up, it must still be one with which the arrays lie in scratch files.
-    if capacity_mb(job.machine) < in_scratch and 1.05 * in_scratch + 20 < arrays / _FOR_ARRAYS:
-        return base_mb() + in_scratch + _SPARE_MB
-    shared = needed_mb * _FOR_PICTURES / (1 - _FOR_PICTURES)
-    beside = min(max(arrays, shared), _PICTURES * arrays)
-    return base_mb() + max(arrays / _FOR_ARRAYS, needed_mb + beside) + _SPARE_MB
+    """A limit with which there is so much to compute in; the least one, within a few percent."""
+    sizes, room = _sizes(job), max(capacity_mb(job.machine), 1.0)
+    # Rounded up, it must still be one: arrays in memory leave less room than those in scratch.
+    while min(_held(*sizes, mb).room_mb for mb in (room, 1.05 * room + 20)) < needed_mb:
+        room *= 1.01
+    return base_mb() + room + _SPARE_MB
 
 
 def capacity_mb(machine: Machine) -> float:

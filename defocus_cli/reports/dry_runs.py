@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ from defocus_cli.batch.plan import Plan
 from defocus_cli.jobs.job import Job
 from defocus_cli.reports import job_report
 from defocus_cli.system import console
-from defocus_cli.system.console import counted
+from defocus_cli.system.console import counted, duration
 from defocus_cli.system.errors import Rejected, SomeFailed, UserError
 
 if TYPE_CHECKING:
@@ -32,10 +33,7 @@ def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
 
     todo = [job for job, _ in plan.todo]
     done = {job for job, _ in plan.settled}
-    unusable: list[UserError] = []
-    found = forecast.forecasts(todo, unusable.append if len(jobs) > 1 else None) if todo else {}
-    for error in unusable:
-        console.say(f"defocus: {error.format_message()}")
+    found, unusable = _forecasts(todo, alone=len(jobs) == 1)
     by_job = {todo[number]: each for number, each in found.items()}
     looked_at = list(found.values())
     if as_json:
@@ -66,10 +64,8 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
     from defocus_cli.rendering import forecast
 
     todo = [job for job, _ in plan.todo]
-    unusable: list[UserError] = []
-    found = list(forecast.forecasts(todo, unusable.append).values()) if todo else []
-    for error in unusable:
-        console.say(f"defocus: {error.format_message()}")
+    by_number, unusable = _forecasts(todo)
+    found = list(by_number.values())
     whole = forecast.total(found, len(todo)) if found else None
     told = {
         "jobs": len(plan.settled) + len(todo) + plan.beyond,
@@ -93,9 +89,23 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
     _end(unusable, len(found), "jobs")
 
 
-def _batch_lines(told: Mapping[str, Any], found: int) -> Iterator[str]:
-    from defocus_cli.system.console import duration
+def _forecasts(
+    todo: Sequence[Job], *, alone: bool = False
+) -> tuple[Mapping[int, Forecast], Sequence[UserError]]:
+    """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
+    from defocus_cli.rendering import forecast
 
+    if not todo:
+        return {}, []
+    found, unusable = forecast.forecasts(todo)
+    if alone and unusable:
+        raise unusable[0]
+    for error in unusable:
+        console.say(f"defocus: {error.format_message()}")
+    return found, unusable
+
+
+def _batch_lines(told: Mapping[str, Any], found: int) -> Iterator[str]:
     todo, processes, whole = told["todo"], told["processes"], told["forecast"]
     beyond = f", {told['beyond_limit']} beyond the limit" if told["beyond_limit"] else ""
     yield f"{counted(told['done_before'], 'job')} done before, {todo} to do{beyond}"
@@ -129,11 +139,11 @@ def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
 
 def _bytes(plan: Plan, found: Sequence[Forecast]) -> float:
     """What the jobs to do will write, going by what those done before have written, if any."""
-    pixels = sum(each.size[0] * each.size[1] for each in found) / len(found) * len(plan.todo)
+    pixels = sum(math.prod(each.outcome.size) for each in found) / len(found) * len(plan.todo)
     done = [record for _, record in plan.settled if record["status"] == "ok"]
     if done:
         written = sum(output["size"] for one in done for output in one["outputs"].values())
-        pixels_done = sum(one["size"][0] * one["size"][1] for one in done)
+        pixels_done = sum(math.prod(one["size"]) for one in done)
         return float(pixels * written / pixels_done)
     outputs = plan.todo[0][0].outputs
     image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
