@@ -23,13 +23,18 @@ CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide har
 _LEAST_DB, _LEAST_SSIM, _LEAST_SHARE = 0.1, 0.001, 0.01
 # Relative RMSE of rounding to half, which truth and input have both.
 _ROUNDING = 1.4e-4
-_DECIMALS = {
-    **{"psnr": 2, "psnr_edges": 2, "psnr_elsewhere": 2, "rel_rmse": 5, "ssim": 5, "p999": 4},
-    **{"seconds": 3, "fft_units": 1, "peak_mb": 0},
+# Title, width and decimals of each column of numbers.
+_COLUMNS = {
+    "psnr": ("PSNR", 7, 2),
+    "psnr_edges": ("edges", 7, 2),
+    "psnr_elsewhere": ("other", 7, 2),
+    "rel_rmse": ("relRMSE", 9, 5),
+    "ssim": ("SSIM", 9, 5),
+    "p999": ("p999", 9, 4),
+    "seconds": ("seconds", 9, 3),
+    "fft_units": ("FFTs", 9, 1),
+    "peak_mb": ("MB", 7, 0),
 }
-_WIDTHS = {"psnr": 7, "psnr_edges": 7, "psnr_elsewhere": 7, "peak_mb": 7}
-_TITLES = {"psnr": "PSNR", "psnr_edges": "edges", "psnr_elsewhere": "other", "rel_rmse": "relRMSE"}
-_TITLES |= {"ssim": "SSIM", "fft_units": "FFTs", "peak_mb": "MB"}
 
 
 def record(row: Row) -> dict[str, Any]:
@@ -51,7 +56,7 @@ def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
     for method in dict.fromkeys(r["method"] for r in records):
         own = [r for r in records if r["method"] == method]
         mean: dict[str, Any] = {"method": method, "shots": len(own)}
-        for name in _DECIMALS:
+        for name in _COLUMNS:
             values = [r[name] for r in own if r[name] is not None]
             if name.startswith("psnr"):
                 values = [min(value, CAP) for value in values]
@@ -97,8 +102,8 @@ def error_document(rows: Sequence[Row]) -> dict[str, Any]:
 
 def error_heading() -> str:
     """The titles of the columns of errors."""
-    titles = (f"{_TITLES.get(name, name):>{_WIDTHS.get(name, 9)}}" for name in _DECIMALS)
-    return f"{'scene':<10}{'shot':<8}{'method':<9}" + "".join(titles)
+    titles = "".join(f"{title:>{width}}" for title, width, _ in _COLUMNS.values())
+    return f"{'scene':<10}{'shot':<8}{'method':<9}{titles}"
 
 
 def error_line(row: Row, *, worse: bool = False) -> str:
@@ -123,25 +128,19 @@ def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _loss(found: dict[str, Any]) -> str:
-    lost = found["lost"]
-    words = []
-    if "psnr" in lost:
-        words.append(f"{lost['psnr']:.2f} dB")
-    if "ssim" in lost:
-        words.append(f"{lost['ssim']:.4f} SSIM")
-    if "rel_rmse" in lost:
-        words.append(f"{100 * found['share']:.1f} % relative RMSE")
+    lost = found["lost"] | {"share": 100 * found["share"]}
+    formats = {"psnr": "{psnr:.2f} dB", "ssim": "{ssim:.4f} SSIM"}
+    formats["rel_rmse"] = "{share:.1f} % relative RMSE"
+    words = ", ".join(text.format(**lost) for name, text in formats.items() if name in lost)
     baseline = BASELINES[found["baseline"]]
-    return f"! {found['scene']} {found['shot']}: {JUDGED} loses {', '.join(words)} to {baseline}"
+    return f"! {found['scene']} {found['shot']}: {JUDGED} loses {words} to {baseline}"
 
 
 def _cells(values: dict[str, Any]) -> str:
-    cells = []
-    for name, decimals in _DECIMALS.items():
-        value = values[name]
-        told = "-" if value is None else f"{value:.{decimals}f}"
-        cells.append(f"{told:>{_WIDTHS.get(name, 9)}}")
-    return "".join(cells)
+    return "".join(
+        f"{'-':>{width}}" if values[name] is None else f"{values[name]:>{width}.{decimals}f}"
+        for name, (_, width, decimals) in _COLUMNS.items()
+    )
 
 
 def time_record(timing: Timing) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from typing import Any
 
 from defocus_cli.jobs import quantities
 from defocus_cli.jobs.job import Lens
-from defocus_cli.jobs.quantities import QuantityError, length_text, text_of
+from defocus_cli.jobs.quantities import length_text, read_at, text_of
 from defocus_cli.jobs.toml_file import read_toml
 from defocus_cli.system.errors import UsageProblem, did_you_mean
 
@@ -68,10 +68,7 @@ def checked(name: str, value: object, where: str) -> str:
         UsageProblem: it makes none; ``where`` is named.
     """
     text = text_of(value)
-    try:
-        parsed(name, text)
-    except QuantityError as error:
-        raise UsageProblem(where, error.problem, error.remedy) from None
+    read_at(where, parsed, name, text)
     return text
 
 

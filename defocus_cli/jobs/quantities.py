@@ -8,9 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import TypeVar
+
+from defocus_cli.system.errors import UsageProblem
+
+T = TypeVar("T")
 
 _MM = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
 _BYTES = {
@@ -39,6 +44,18 @@ class Percentile:
 
     def __str__(self) -> str:
         return f"percentile({self.percent:.9g})"
+
+
+def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
+    """What a parser makes of a text.
+
+    Raises:
+        UsageProblem: the text makes no sense; the error names ``where`` it stands.
+    """
+    try:
+        return parse(*texts)
+    except QuantityError as error:
+        raise UsageProblem(where, error.problem, error.remedy) from None
 
 
 def length(text: str) -> float:

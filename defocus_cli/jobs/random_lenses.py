@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.job import Draw, Lens
 from defocus_cli.jobs.lens_options import PARSERS, lens_of, parsed, refuse_both
-from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage, text_of
+from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage, read_at, text_of
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem, reason
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from defocus_core import Distribution
 
 KEYS = ("n", "seed", "max-coc", *PARSERS)
-MOST_DRAWS = 1_000_000
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 _NOT_RANGED = ("blades", "focus-at")
 
@@ -66,31 +65,19 @@ def read_sampling(table: Table) -> Sampling:
         return Sampling()
     table.refuse_unknown(KEYS)
     count, seed = table.whole("n", 1), table.whole("seed", 0)
-    for key, value in (("n", count), ("seed", seed)):
-        if value is None:
-            raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
-    assert count is not None
-    assert seed is not None
-    if count > MOST_DRAWS:
-        raise UsageProblem(table.place("n"), f"{count} is too many", f"at most {MOST_DRAWS}")
+    if count is None or seed is None:
+        key = "n" if count is None else "seed"
+        raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
     options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
     refuse_both(options, f"{table.file}: [sample] ")
     for name, text in options.items():
-        _require_distribution(name, text, table.place(name))
+        if read_at(table.place(name), distribution, name, text) is None:
+            remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
+            raise UsageProblem(table.place(name), f"'{text}' is nothing to draw from", remedy)
     if not options:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
         raise UsageProblem(f"{table.file}: [sample]", "draws no option of the lens", remedy)
     return Sampling(count, seed, options)
-
-
-def _require_distribution(name: str, text: str, where: str) -> None:
-    try:
-        found = distribution(name, text)
-    except QuantityError as error:
-        raise UsageProblem(where, error.problem, error.remedy) from None
-    if found is None:
-        remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
-        raise UsageProblem(where, f"'{text}' is nothing to draw from", remedy)
 
 
 @lru_cache(maxsize=4096)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from defocus_cli.jobs.quantities import QuantityError, text_of
+from defocus_cli.jobs.quantities import read_at, text_of
 from defocus_cli.system.errors import InputError, UsageProblem, did_you_mean, reason
 
 T = TypeVar("T")
@@ -71,10 +71,7 @@ class Table:
         """A quantity, or None."""
         if key not in self.values:
             return None
-        try:
-            return parse(text_of(self.values[key]))
-        except QuantityError as error:
-            raise UsageProblem(self.place(key), error.problem, error.remedy) from None
+        return read_at(self.place(key), parse, text_of(self.values[key]))
 
     def choice(self, key: str, known: Sequence[str]) -> str | None:
         """One of the ``known`` words, or None."""

@@ -221,7 +221,7 @@ def test_a_lens_knows_what_it_was_drawn_from(tmp_path: Path) -> None:
         ("seed = 7", r"\[sample\] n: is missing"),
         ("n = 5", r"\[sample\] seed: is missing"),
         ("n = 0\nseed = 7", "n: 0 is not a whole number of 1 or more"),
-        ("n = 2000000\nseed = 7", "n: 2000000 is too many"),
+        ("n = 20000000\nseed = 7\nfnumber = 'uniform(1, 2)'", "asks for 20000000 pictures; split"),
         ("n = 5\nseed = 7\nfnumbr = 'uniform(1, 2)'", "'fnumbr'; did you mean fnumber"),
         ("n = 5\nseed = 7", r"\[sample\]: draws no option of the lens"),
         ("n = 5\nseed = 7\nfnumber = 2", "fnumber: '2' is nothing to draw from"),
