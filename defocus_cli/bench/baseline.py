@@ -53,26 +53,28 @@ class Baseline:
 
     def compare(self, timings: Sequence[Timing]) -> list[dict[str, Any]]:
         """The ratio, new to stored, of each case that both have; the slowest first."""
-        found = []
-        for timing in timings:
-            stored = self.fft_units.get(timing.case.name)
-            if stored is not None:
-                now = timing.cost.fft_units
-                names = {"case": timing.case.name, "fft_units": now, "stored": stored}
-                found.append({**names, "ratio": now / stored})
-        return sorted(found, key=lambda each: -float(each["ratio"]))
-
-    def slower(self, timings: Sequence[Timing]) -> list[dict[str, Any]]:
-        """The cases whose ratio exceeds 1 by more than the tolerance, the slowest first."""
-        return [each for each in self.compare(timings) if each["ratio"] > 1 + TOLERANCE]
+        now = {timing.case.name: timing.cost.fft_units for timing in timings}
+        compared = [
+            {"case": name, "fft_units": now[name], "stored": units, "ratio": now[name] / units}
+            for name, units in self.fft_units.items()
+            if name in now
+        ]
+        return sorted(compared, key=lambda each: -float(each["ratio"]))
 
     def confirmed(self, timings: Sequence[Timing], again: Callable[[Case], Timing]) -> list[Timing]:
         """Time slower cases once more, and keep the faster: a busy machine is not slow twice."""
-        names = {each["case"] for each in self.slower(timings)}
+        names = {each["case"] for each in slower(self.compare(timings))}
         return [
-            faster(timing, again(timing.case)) if timing.case.name in names else timing
+            min(timing, again(timing.case), key=lambda each: each.cost.fft_units)
+            if timing.case.name in names
+            else timing
             for timing in timings
         ]
+
+
+def slower(compared: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The cases whose ratio exceeds 1 by more than the tolerance, in their order."""
+    return [each for each in compared if each["ratio"] > 1 + TOLERANCE]
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -95,8 +97,3 @@ def read_baseline(path: Path) -> Baseline:
     if not all(value > 0 for value in units.values()):
         raise InputError(path, "holds a time that is not positive", "store a new run")
     return Baseline(path, threads, device, units)
-
-
-def faster(first: Timing, second: Timing) -> Timing:
-    """The timing of fewer transforms, of two of one case."""
-    return min(first, second, key=lambda timing: timing.cost.fft_units)

@@ -81,10 +81,9 @@ def _work(
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
     if method == "input":
         return lambda: sharp
-    if method == "sum":
-        return lambda: baselines.plain_sum(sharp, radius, aperture=aperture, threads=threads)
-    if method == "over":
-        return lambda: baselines.over(sharp, radius, aperture=aperture, threads=threads)
+    if method in BASELINES:
+        layered = {"sum": baselines.plain_sum, "over": baselines.over}[method]
+        return lambda: layered(sharp, radius, aperture=aperture, threads=threads)
     height, width = radius.shape
     infinity = radius_at_infinity(shot.lens, (width, height))
     return lambda: (

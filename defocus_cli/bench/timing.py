@@ -134,18 +134,26 @@ def measured(work: Callable[[], Tensor], unit: FftUnit, *, repeats: int) -> tupl
     return picture, Cost(median(seconds), median(ratios), max(peaks, default=None))
 
 
-def warm_up(device: str) -> None:
-    """Render a tiny picture: what a process does once belongs to no shot.
+def warm_up(device: str) -> str:
+    """Render a tiny picture, as what a process does once belongs to no shot; the device it is on.
 
     From here on torch uses one thread: threads work on tiles or channels.
+
+    Raises:
+        UsageProblem: there is no such device.
     """
+    from defocus_cli.rendering import job_steps
+
+    job_steps.load()
     import torch
 
     from defocus_core import render
 
     set_to_render()
+    device = job_steps.choose_device(device)
     radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
     render(radius[None].abs(), radius)
+    return device
 
 
 class FftUnit:

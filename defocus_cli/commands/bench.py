@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,11 +10,12 @@ from typing import Any
 import click
 
 from defocus_cli.bench import error_plot, tables
-from defocus_cli.bench.baseline import read_baseline
+from defocus_cli.bench.baseline import read_baseline, slower
 from defocus_cli.bench.error import BASELINES, Row, measure_shot
 from defocus_cli.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_cli.bench.truth_set import find_shots, read, sample_set
 from defocus_cli.jobs.job import DEVICES, QUALITIES
+from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
 from defocus_cli.system import console
@@ -33,13 +33,6 @@ def _size(word: str) -> Size:
     if not (1 <= width <= _LONGEST and 1 <= height <= _LONGEST):
         raise ValueError(word)
     return width, height
-
-
-def _radius(word: str) -> float:
-    radius = float(word.removesuffix("px"))
-    if not 0 < radius < math.inf:
-        raise ValueError(word)
-    return radius
 
 
 _time_option = partial(click.option, cls=GroupedOption, heading="Time")
@@ -91,7 +84,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 )
 @_time_option(
     "--radii",
-    type=Listed(_radius, "radius", "8,32"),
+    type=Listed(pixel_count, "radius", "8,32"),
     default=RADII,
     metavar="R,…",
     help="Largest blur radii in px.  [default: 8,32]",
@@ -178,12 +171,8 @@ def _errors(
     truth: Path, qualities: Sequence[str], device: str, threads: int, echo: Callable[[str], None]
 ) -> tuple[list[Row], dict[str, Any]]:
     """Measure all shots of a set, by each baseline and each quality: rows, and the document."""
-    from defocus_cli.rendering import job_steps
-
     shots, methods = find_shots(truth), (*BASELINES, *qualities)
-    job_steps.load()
-    device = job_steps.choose_device(device)
-    warm_up(device)
+    device = warm_up(device)
     echo(tables.error_heading())
     rows: list[Row] = []
     for shot in shots:
@@ -206,15 +195,12 @@ def _times(
     echo: Callable[[str], None],
 ) -> dict[str, Any]:
     """Time all cases: the document, with what a stored run says of them."""
-    from defocus_cli.rendering import job_steps
-
     stored = read_baseline(baseline) if baseline else None
-    job_steps.load()
-    device, asked = job_steps.choose_device(device), cases(sizes, radii, qualities)
+    device = warm_up(device)
+    asked = cases(sizes, radii, qualities)
     if stored:
         stored.refuse_incomparable(asked, threads=threads, device=device)
     timed = partial(time_case, device=device, threads=threads)
-    warm_up(device)
     echo(tables.time_heading())
     timings = []
     for case in asked:
@@ -223,7 +209,8 @@ def _times(
     document: dict[str, Any] = {"device": device, "threads": threads}
     if stored:
         timings = stored.confirmed(timings, timed)
-        compared, worse = stored.compare(timings), stored.slower(timings)
+        compared = stored.compare(timings)
+        worse = slower(compared)
         document |= {"baseline": compared, "slower": [each["case"] for each in worse]}
         for line in tables.comparison_lines(compared, worse):
             echo(line)

@@ -13,22 +13,27 @@ its outputs are named) and any option of a lens. Paths are relative to the file 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
-from defocus_cli.jobs import lens_options, picture_lists
+from defocus_cli.jobs import lens_options
 from defocus_cli.jobs.job import Picture
 from defocus_cli.jobs.lens_options import checked
 from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures
 from defocus_cli.jobs.toml_file import Table
-from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_cli.system.errors import InputError, UsageProblem, reason
 
 FILES = ("color", "depth", "hidden-color", "hidden-depth")
 KEYS = (*FILES, "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
+LIST_SUFFIXES = (".csv", ".jsonl")
+LONGEST_LINE = 2**20
 _TRIED = 100  # rows whose files are looked for
+_Row = tuple[int, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -91,8 +96,8 @@ def _lists(table: Table) -> list[Path]:
 
 
 def _from_list(file: Path) -> list[Entry]:
-    rows = picture_lists.read_rows(file)
-    entries = [_entry(row, picture_lists.line(file, number), file.parent) for number, row in rows]
+    rows = _read_rows(file)
+    entries = [_entry(row, _line(file, number), file.parent) for number, row in rows]
     if not entries:
         raise InputError(file, "has no row", "write one for each picture")
     _refuse_lost(entries, file)
@@ -157,3 +162,66 @@ def _refuse_lost(entries: Sequence[Entry], file: Path) -> None:
         first = entries[0]
         remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
         raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
+
+
+def _read_rows(file: Path) -> Iterator[_Row]:
+    """Line number and values of each row, those that are empty or null left out.
+
+    Raises:
+        InputError: the file cannot be read, or a line is no row; the line is named.
+    """
+    if file.suffix.lower() not in LIST_SUFFIXES:
+        remedy = f"name it after its type, {' or '.join(LIST_SUFFIXES)}"
+        raise InputError(file, "is no list of pictures by its name", remedy)
+    rows = _csv_rows if file.suffix.lower() == ".csv" else _json_rows
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as opened:
+            yield from rows(file, opened)
+    except OSError as error:
+        raise InputError(file, f"cannot be read: {reason(error)}", "check the path") from None
+    except UnicodeDecodeError:
+        raise InputError(file, "is not UTF-8 text", "save it as UTF-8") from None
+
+
+def _csv_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
+    reader = csv.reader(opened, strict=True)
+    try:
+        keys = [key.strip() for key in next(reader, [])]
+        if not keys:
+            raise InputError(file, "is empty", "begin it with a line like color,depth")
+        if twice := [key for key in keys if keys.count(key) > 1]:
+            problem = f"names '{twice[0]}' twice"
+            raise InputError(_line(file, 1), problem, "remove one of the columns")
+        for cells in reader:
+            values = [cell.strip() for cell in cells]
+            if any(values) and len(values) != len(keys):
+                problem = f"has {len(values)} cells, but the header names {len(keys)}"
+                raise InputError(_line(file, reader.line_num), problem, "mend that line")
+            if any(values):
+                row = zip(keys, values, strict=True)
+                yield reader.line_num, {key: value for key, value in row if value}
+    except csv.Error as error:
+        where = _line(file, reader.line_num)
+        raise InputError(where, f"is not CSV: {reason(error)}", "mend that line") from None
+
+
+def _json_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
+    number = 0
+    while text := opened.readline(LONGEST_LINE):
+        number += 1
+        if not text.strip():
+            continue
+        remedy = 'write it like {"color": "a.exr", "depth": "b.exr"}'
+        try:
+            row = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            problem = f"is not JSON: {reason(error)}"
+            raise InputError(_line(file, number), problem, remedy) from None
+        if not isinstance(row, dict):
+            raise InputError(_line(file, number), "is no JSON object", remedy)
+        yield number, {key: value for key, value in row.items() if value not in (None, "")}
+
+
+def _line(file: Path, number: int) -> str:
+    """The place of a row, for errors."""
+    return f"{file}: line {number}"

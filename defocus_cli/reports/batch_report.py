@@ -166,14 +166,14 @@ def progress_lines(out: Path, found: Progress, failures: int) -> Iterator[str]:
         yield "  not running; run the same command again to go on"
     if found.reasons:
         yield f"  {reasons_words(found.reasons)}"
-    for record in found.failures[max(0, len(found.failures) - failures) :] if failures else ():
+    for record in found.failures[-failures:] if failures else ():
         yield f"    {record['sample_id']}: {record['reason']}: {record['message']}"
 
 
 def progress_record(found: Progress, failures: int) -> dict[str, Any]:
     """The same in plain values."""
     keys = ("sample_id", "status", "reason", "message")
-    shown = found.failures[max(0, len(found.failures) - failures) :] if failures else []
+    shown = found.failures[-failures:] if failures else []
     return {
         "jobs": found.jobs,
         "left": found.left,

@@ -6,12 +6,24 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import lens_record, lens_record_words, lens_words
-from defocus_cli.reports import stats_table
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import counted
 
 if TYPE_CHECKING:
     from defocus_cli.jobs.job import Job
+
+
+# What is counted, of what, and in which words; what a renderer does not count is not told.
+_LINES = (
+    ("slice_tiles_done", "slice_tiles", "steps of slice x tile done"),
+    ("slice_tiles_blurred", "slice_tiles", "of them blurred, the others copied"),
+    ("slice_tiles_reduced", "slice_tiles", "of them at reduced resolution"),
+    ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
+    ("layer_pixels_done", "layer_pixels", "pixels of layers, within the rectangles they lie in"),
+    ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
+    ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
+    ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
+)
 
 
 def plan_record(job: Job) -> dict[str, Any]:
@@ -102,9 +114,22 @@ def outcome_lines(
             yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
     counts = {name: count for name, count in result["stats"].items() if name != "scratch_mb"}
     if stats:
-        yield from stats_table.lines(counts)
+        yield from _stats_lines(counts)
     elif verbose and counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
+
+
+def _stats_lines(stats: Mapping[str, float]) -> Iterator[str]:
+    """A line for each count, like ``216 of 648   33 %  steps of slice x tile done``."""
+    if not stats:
+        yield "  nothing was rendered: maps alone need no slices"
+        return
+    yield f"  {stats['slices']:.0f} slices, {stats['tiles']:.0f} tiles"
+    told = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
+    width = max(len(f"{all_of_them:.0f}") for _, all_of_them, _ in told)
+    for count, all_of_them, words in told:
+        share = 100 * count / all_of_them
+        yield f"  {count:>{width}.0f} of {all_of_them:<{width}.0f} {share:>4.0f} %  {words}"
 
 
 def done_before_line(job: Job) -> str:
