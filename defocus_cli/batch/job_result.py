@@ -22,7 +22,7 @@ from defocus_cli.journal.reasons import Step, verdict
 from defocus_cli.rendering import delivery, job_steps
 
 if TYPE_CHECKING:
-    from defocus_cli.rendering.outcome import Loaded, Made
+    from defocus_cli.rendering.outcome import Loaded, Rendering
 
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
@@ -45,7 +45,7 @@ class Computed:
     """A job that is computed."""
 
     ready: Ready
-    made: Made
+    made: Rendering
     seconds: float
 
 
@@ -108,7 +108,7 @@ def write(computed: Computed) -> Result:
         "size": list(outcome.size),
         "coc_px": list(outcome.coc_px),
         "color_note": outcome.color_note,
-        "depth_note": outcome.depth_told(),
+        "depth_note": outcome.depth_words(),
         "device": outcome.device,
         "quality": outcome.quality,
         "warnings": list(outcome.warnings),

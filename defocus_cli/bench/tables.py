@@ -46,13 +46,13 @@ def record(row: Row) -> dict[str, Any]:
 def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """For each method the means over all shots, each PSNR capped at 50 dB.
 
-    Shots that all methods get right, as a white picture, tell nothing and are left out; unless
-    there is nothing else. Memory is the most of any shot.
+    Shots that every method renders right, like a white picture, are left out unless there are no
+    others. Memory is the maximum over the shots.
     """
     records = [record(row) for row in rows]
-    told = {(r["scene"], r["shot"]) for r in records if r["psnr"] < 90}
-    records = [r for r in records if not told or (r["scene"], r["shot"]) in told]
-    found = []
+    hard = {(r["scene"], r["shot"]) for r in records if r["psnr"] < 90}
+    records = [r for r in records if not hard or (r["scene"], r["shot"]) in hard]
+    averages = []
     for method in dict.fromkeys(r["method"] for r in records):
         own = [r for r in records if r["method"] == method]
         mean: dict[str, Any] = {"method": method, "shots": len(own)}
@@ -62,15 +62,15 @@ def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 values = [min(value, CAP) for value in values]
             gather = max if name == "peak_mb" else fmean
             mean[name] = gather(values) if values else None
-        found.append(mean)
-    return found
+        averages.append(mean)
+    return averages
 
 
 def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
     """What the standard quality loses on a shot to each baseline in `rows`; none for others."""
     if row.method != JUDGED:
         return []
-    found = []
+    lost_to = []
     for other in rows:
         if (other.scene, other.shot) != (row.scene, row.shot) or other.method not in BASELINES:
             continue
@@ -84,20 +84,20 @@ def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
         lost = {name: value for name, (value, least) in by.items() if value > least}
         if lost:
             where = {"scene": row.scene, "shot": row.shot, "baseline": other.method}
-            found.append({**where, "lost": lost, "share": excess / max(best.rel_rmse, 1e-12)})
-    return found
+            lost_to.append({**where, "lost": lost, "share": excess / max(best.rel_rmse, 1e-12)})
+    return lost_to
 
 
 def regressions(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Where the standard quality is worse than a baseline, and by how much, the worst first."""
-    found = [loss for row in rows for loss in losses(row, rows)]
-    return sorted(found, key=lambda loss: -float(loss["lost"].get("psnr", 0.0)))
+    every = (loss for row in rows for loss in losses(row, rows))
+    return sorted(every, key=lambda loss: -float(loss["lost"].get("psnr", 0.0)))
 
 
 def error_document(rows: Sequence[Row]) -> dict[str, Any]:
     """All rows, means and regressions, for JSON."""
-    found = {"means": means(rows), "regressions": regressions(rows)}
-    return {"rows": [record(row) for row in rows], **found}
+    records = [record(row) for row in rows]
+    return {"rows": records, "means": means(rows), "regressions": regressions(rows)}
 
 
 def error_heading() -> str:
@@ -114,11 +114,11 @@ def error_line(row: Row, *, worse: bool = False) -> str:
 
 def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
     """Means and regressions in words."""
-    found = means(rows)
-    shots = found[0]["shots"]
+    averages = means(rows)
+    shots = averages[0]["shots"]
     yield ""
     yield f"means of {shots} shot{'s' * (shots != 1)}, PSNR capped at {CAP:g} dB"
-    for mean in found:
+    for mean in averages:
         yield f"{'mean':<18}{mean['method']:<9}" + _cells(mean)
     worse = regressions(rows)
     if worse:
@@ -127,13 +127,13 @@ def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
         yield _loss(lost)
 
 
-def _loss(found: dict[str, Any]) -> str:
-    lost = found["lost"] | {"share": 100 * found["share"]}
+def _loss(loss: dict[str, Any]) -> str:
+    lost = loss["lost"] | {"share": 100 * loss["share"]}
     formats = {"psnr": "{psnr:.2f} dB", "ssim": "{ssim:.4f} SSIM"}
     formats["rel_rmse"] = "{share:.1f} % relative RMSE"
     words = ", ".join(text.format(**lost) for name, text in formats.items() if name in lost)
-    baseline = BASELINES[found["baseline"]]
-    return f"! {found['scene']} {found['shot']}: {JUDGED} loses {words} to {baseline}"
+    baseline = BASELINES[loss["baseline"]]
+    return f"! {loss['scene']} {loss['shot']}: {JUDGED} loses {words} to {baseline}"
 
 
 def _cells(values: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""``defocus bench``: error and time on scenes with known truth, or time on made scenes."""
+"""``defocus bench``: error and time on scenes with known truth, or time on synthetic scenes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 @click.command(
     "bench",
     cls=GroupedCommand,
-    short_help="Render scenes with known truth or made ones; say error and time.",
+    short_help="Render scenes with known truth or synthetic ones; say error and time.",
 )
 @click.option(
     "--truth",
@@ -74,7 +74,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 )
 @click.option("--device", type=click.Choice(DEVICES), default="auto", show_default=True)
 @shared.json_option
-@_time_option("--time", "timing", is_flag=True, help="Time made scenes instead.")
+@_time_option("--time", "timing", is_flag=True, help="Time synthetic scenes instead.")
 @_time_option(
     "--sizes",
     type=Listed(_size, "size", "480x270,1920x1080"),
@@ -122,7 +122,7 @@ def command(
     '!' marks shots on which standard is worse than a baseline by more than 0.1 dB, 0.001 SSIM or
     1 % relative RMSE; they are listed at the end.
 
-    With --time, scenes of several kinds are made and timed on one thread, as one thread makes the
+    With --time, synthetic scenes of several kinds are timed on one thread, as one thread makes the
     transforms: at two sizes and radii in half a minute, or at those given. --baseline compares
     FFTs with a stored run. With --json the table is on stderr.
 

@@ -88,21 +88,21 @@ def command(
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
     how = functools.partial(How, read_inputs=check_inputs == "hash")
     if dry_run:
-        dry_runs.tell(
+        dry_runs.report_pictures(
             jobs, make_plan(jobs, outputs.root, how(local_process.execute)), as_json=as_json
         )
         return
-    told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
+    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
-        with told.bar("picture"):
-            summary = run.carry_out(jobs, outputs.root, how(local_process.execute), told)
+        with report.bar("picture"):
+            summary = run.carry_out(jobs, outputs.root, how(local_process.execute), report)
     else:
         with batch_report.tile_bar() as tile_count:
             alone = local_process.execute_alone(tile_count)
-            summary = run.carry_out(jobs, outputs.root, how(alone), told)
+            summary = run.carry_out(jobs, outputs.root, how(alone), report)
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})
     if as_json:
-        records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
+        records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
         console.print_json(dry_run=False, pictures=records)
     batch_report.end(summary)

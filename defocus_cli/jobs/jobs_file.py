@@ -52,7 +52,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
         machine: who computes; ``[machine]`` says the quality and whether depth is repaired.
 
     Raises:
-        InputError: a file cannot be read or found, or files do not pair up.
+        InputError: a file cannot be read or is missing, or files do not pair up.
         UsageProblem: a key is unknown, a value makes no sense, or two contradict each other.
     """
     remedy = "give a jobs file, with tables [inputs] and [lens]"
@@ -77,62 +77,68 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     ]
 
 
-def _reading(found: Table) -> Reading:
-    found.refuse_unknown(("depth-unit", "depth-channel", "color-layer", "part"))
+def _reading(section: Table) -> Reading:
+    section.refuse_unknown(("depth-unit", "depth-channel", "color-layer", "part"))
     return Reading(
-        depth_unit=found.choice("depth-unit", tuple(CONVENTIONS)),
-        depth_channel=found.text("depth-channel"),
-        color_layer=found.text("color-layer"),
-        part=found.whole("part", 0),
+        depth_unit=section.choice("depth-unit", tuple(CONVENTIONS)),
+        depth_channel=section.text("depth-channel"),
+        color_layer=section.text("color-layer"),
+        part=section.whole("part", 0),
     )
 
 
-def _outputs(found: Table, outputs: Outputs) -> Outputs:
-    found.refuse_unknown(("kinds", "format", "exr-type", "preview"))
-    name = found.values.get("format")
+def _outputs(section: Table, outputs: Outputs) -> Outputs:
+    section.refuse_unknown(("kinds", "format", "exr-type", "preview"))
+    name = section.values.get("format")
     if isinstance(name, str):
-        aliased = {**found.values, "format": FORMAT_ALIASES.get(name, name)}
-        found = Table(found.file, found.name, aliased)
-    given = {
-        "kinds": _kinds(found),
-        "format": found.choice("format", tuple(SUFFIXES)),
-        "exr_type": found.choice("exr-type", ("half", "float")),
-        "preview": found.flag("preview"),
+        aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
+        section = Table(section.file, section.name, aliased)
+    values = {
+        "kinds": _kinds(section),
+        "format": section.choice("format", tuple(SUFFIXES)),
+        "exr_type": section.choice("exr-type", ("half", "float")),
+        "preview": section.flag("preview"),
     }
-    told = dataclasses.replace(outputs, **_told(given))
-    if given["exr_type"] is not None and told.format != "exr":
-        problem = f"says nothing about {told.format}"
-        raise UsageProblem(found.place("exr-type"), problem, 'leave it out, or use format = "exr"')
-    return told
+    outputs = dataclasses.replace(outputs, **_present(values))
+    if values["exr_type"] is not None and outputs.format != "exr":
+        problem, remedy = (
+            f"says nothing about {outputs.format}",
+            'leave it out, or use format = "exr"',
+        )
+        raise UsageProblem(section.place("exr-type"), problem, remedy)
+    return outputs
 
 
-def _kinds(found: Table) -> tuple[str, ...] | None:
-    value = found.values.get("kinds")
+def _kinds(section: Table) -> tuple[str, ...] | None:
+    value = section.values.get("kinds")
     if value is None:
         return None
     kinds = value.split(",") if isinstance(value, str) else value
     if not isinstance(kinds, list) or not kinds:
-        raise UsageProblem(found.place("kinds"), f"{value!r} is no list", 'write ["render", "coc"]')
+        raise UsageProblem(
+            section.place("kinds"), f"{value!r} is no list", 'write ["render", "coc"]'
+        )
     kinds = [str(kind).strip() for kind in kinds]
     for kind in kinds:
         if kind not in KINDS:
             remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
-            raise UsageProblem(found.place("kinds"), f"'{kind}' is not an output", remedy)
+            raise UsageProblem(section.place("kinds"), f"'{kind}' is not an output", remedy)
     return tuple(dict.fromkeys(kinds))
 
 
-def _machine(found: Table, machine: Machine) -> Machine:
-    found.refuse_unknown(("quality", "tolerance", "depth-repair"))
-    told = {
-        "quality": found.choice("quality", QUALITIES),
-        "tolerance": found.parsed("tolerance", pixel_count),
+def _machine(section: Table, machine: Machine) -> Machine:
+    section.refuse_unknown(("quality", "tolerance", "depth-repair"))
+    values = {
+        "quality": section.choice("quality", QUALITIES),
+        "tolerance": section.parsed("tolerance", pixel_count),
     }
-    if None not in told.values():
+    if None not in values.values():
         remedy = "keep one of them"
-        raise UsageProblem(found.place("tolerance"), "stands beside quality", remedy)
-    told["depth_repair"] = found.choice("depth-repair", DEPTH_REPAIRS)
-    return dataclasses.replace(machine, **_told(told))
+        raise UsageProblem(section.place("tolerance"), "stands beside quality", remedy)
+    values["depth_repair"] = section.choice("depth-repair", DEPTH_REPAIRS)
+    return dataclasses.replace(machine, **_present(values))
 
 
-def _told(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in given.items() if value is not None}
+def _present(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that the file holds."""
+    return {name: value for name, value in values.items() if value is not None}

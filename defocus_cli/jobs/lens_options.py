@@ -103,14 +103,14 @@ def make_lens(flags: Mapping[str, Any], file: Path | None) -> Lens:
         InputError: the file cannot be read as TOML.
         UsageProblem: an option is missing, contradicts another or makes no sense.
     """
-    asked = {name: value for name, value in flags.items() if value is not None}
-    refuse_both(asked, _DASHES)
+    options = {name: value for name, value in flags.items() if value is not None}
+    refuse_both(options, _DASHES)
     stored = {} if file is None else read_lens_file(file)
-    values = merged({name: parsed(name, text) for name, text in stored.items()}, asked)
+    values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     refuse_missing(values, _DASHES)
-    source = _DASHES if "blade-rotation" in asked else f"{file}: "
+    source = _DASHES if "blade-rotation" in options else f"{file}: "
     refuse_idle_turn(values.get("blade-rotation"), values.get("blades"), source)
-    lens = lens_of(values, _DASHES if {"focus", "focus-at"} & asked.keys() else f"{file}: ")
+    lens = lens_of(values, _DASHES if {"focus", "focus-at"} & options.keys() else f"{file}: ")
     if lens.foc_dist is not None:
         refuse_near_focus(lens.foc_dist, lens.foclen, f"{lens.focus_source}focus")
     return lens

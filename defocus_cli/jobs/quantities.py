@@ -115,10 +115,10 @@ def blades(text: str) -> int:
 
 def pixel(text: str) -> tuple[int, int]:
     """A pixel (x, y), counted from 0 at the upper left, from ``X,Y``."""
-    found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
-    if not found:
+    match = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
+    if not match:
         raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def byte_count(text: str) -> int:

@@ -1,4 +1,4 @@
-"""The files of a rendered job, all written or none."""
+"""Writing the images and maps of a job: all files or none."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from defocus_cli.formats.kinds import Kind
-    from defocus_cli.rendering.outcome import Made, Outcome
+    from defocus_cli.rendering.outcome import Outcome, Rendering
 
 
 class _OfRadius:
@@ -30,8 +30,8 @@ class _OfRadius:
         return values
 
 
-def write(made: Made) -> Outcome:
-    """Write what a job computed, all its files or none; its outcome, with what files cannot hold.
+def write(rendering: Rendering) -> Outcome:
+    """Write the files of a job, all or none; its outcome, with warnings of what they cannot hold.
 
     Raises:
         InputError: a file cannot be written.
@@ -39,17 +39,21 @@ def write(made: Made) -> Outcome:
     from defocus_cli.formats.encode import write_image, write_map
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
-    outcome, color = made.outcome, made.color
+    outcome, color = rendering.outcome, rendering.color
     outputs = outcome.job.outputs
     paths, previews = outcome.job.paths, outcome.job.previews
     warnings: list[str] = []
-    if not outputs.root.is_dir():  # made anew, it would have no journal
+    if not outputs.root.is_dir():  # created again, it would have no journal
         problem = "was removed while jobs were done"
         raise InputError(outputs.root, problem, "run the same command again")
     with written_together():
         for kind in outputs.rows:
             path, preview = paths[kind.name], previews.get(kind.name)
-            planes = made.images[kind.name] if kind.rendered else (_OfRadius(made.radius, kind),)
+            planes = (
+                rendering.images[kind.name]
+                if kind.rendered
+                else (_OfRadius(rendering.radius, kind),)
+            )
             attributes = _attributes(outcome, kind)
             if kind.image:
                 lost = write_image(
@@ -61,7 +65,7 @@ def write(made: Made) -> Outcome:
                     attributes={**color.attributes, **attributes},
                     extras=color.extras,
                     corner=color.corner,
-                    clamped=made.clamped.get(kind.name, 0),
+                    clamped=rendering.clamped.get(kind.name, 0),
                 )
                 warnings += [f"{kind.name}: {warning}" for warning in lost]
             else:
@@ -76,7 +80,7 @@ def write(made: Made) -> Outcome:
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
-    """What an EXR output says of itself: no directory and no time, so that its bytes are fixed."""
+    """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
     job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
     values = {
         "version": version(),
@@ -85,7 +89,7 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "depth": job.picture.depth.name,
         "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
         "color_read_as": outcome.color_note,
-        "depth_read_as": outcome.depth_told(rendered=kind.rendered),
+        "depth_read_as": outcome.depth_words(rendered=kind.rendered),
         "focal_length": length_text(lens.foclen, 9),
         "fnumber": f"{lens.fnum:.9g}",
         "sensor_width": length_text(lens.sensor_width, 9),

@@ -20,24 +20,24 @@ from defocus_cli.system.process import set_to_render
 if TYPE_CHECKING:
     from defocus_core import Cost
 
-# Pictures of a batch that are looked at; the others are taken for alike.
+# Most pictures of a batch to decode for a forecast; the others count as their average.
 MOST_READ = 16
-# Kind, height, width and largest CoC radius in px of a scene that takes all steps of rendering.
+# Kind, height, width and largest CoC radius in px of a scene that needs every step of rendering.
 _SCENE = ("thin", 540, 960, 16.0)
 _REPEATS = 2  # the fastest counts: a machine is never faster than it is
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Of one job.
+    """Work, time and memory of one job.
 
     Attributes:
         outcome: what is known of the job before it is rendered.
-        read_seconds: that reading took.
-        cost: the work; None where only maps are written, which takes none.
-        seconds: of the rendering, as `render_seconds` will tell, within a factor of two.
-        peak_mb: a bound of the memory that the process, or the GPU, will hold.
-        scratch_mb: that its arrays take in scratch files; 0 if they are held in memory.
+        read_seconds: time to decode the inputs, measured.
+        cost: the work; None if only maps are written, which needs no rendering.
+        seconds: time to render, right within a factor of two.
+        peak_mb: upper bound of the memory of the process, or of the GPU.
+        scratch_mb: size of its arrays in scratch files; 0 if they are held in memory.
     """
 
     outcome: Outcome
@@ -70,10 +70,10 @@ def work_per_second(device: str, threads: int) -> float:
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[UserError]]:
-    """Of all jobs by number, or of some spread evenly over many; inputs are read as to render.
+    """Forecasts of jobs, or of `MOST_READ` spread evenly over more; their inputs are decoded.
 
     Returns:
-        The forecasts, and what would end the other jobs that were looked at.
+        The forecasts by the number of the job, and the errors of jobs that would fail.
 
     Raises:
         UsageProblem: this machine has not got the device.
@@ -103,7 +103,7 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     start = time.perf_counter()
     loaded = job_steps.load_inputs(job)
     read_seconds = time.perf_counter() - start
-    outcome, radius = job_steps.looked_at(job, loaded)
+    outcome, radius = job_steps.prepare(job, loaded)
     held = loaded.holding
     scratch_mb = held.arrays_mb if held.scratch else 0.0
     if not job.outputs.need_rendering:
@@ -117,61 +117,61 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
 
 def record(forecast: Forecast) -> dict[str, Any]:
     """A forecast in plain numbers."""
-    found: dict[str, Any] = {
+    values: dict[str, Any] = {
         "size": list(forecast.outcome.size),
         "coc_px": list(forecast.outcome.coc_px),
         "read_seconds": forecast.read_seconds,
         "render_seconds": forecast.seconds,
         "peak_mb": forecast.peak_mb,
         "color_note": forecast.outcome.color_note,
-        "depth_note": forecast.outcome.depth_told(),
+        "depth_note": forecast.outcome.depth_words(),
     }
     if forecast.scratch_mb:
-        found["scratch_mb"] = forecast.scratch_mb
-        found["scratch_folder"] = str(scratch_folder())
+        values["scratch_mb"] = forecast.scratch_mb
+        values["scratch_folder"] = str(scratch_folder())
     if (cost := forecast.cost) is not None:
         names = ("slices", "tiles", "slice_tiles", "slice_tiles_seen")
-        found["stats"] = {name: getattr(cost, name) for name in names}
-    return found
+        values["stats"] = {name: getattr(cost, name) for name in names}
+    return values
 
 
 def line(forecast: Forecast) -> str:
     """A forecast in words."""
     (width, height), (near, far) = forecast.outcome.size, forecast.outcome.coc_px
-    told = f"  {width}x{height}, CoC {near:.2f} to {far:.2f} px: "
+    start = f"  {width}x{height}, CoC {near:.2f} to {far:.2f} px: "
     scratch = ""
     if forecast.scratch_mb:
         scratch = f", and {forecast.scratch_mb:.0f} MB of scratch in {scratch_folder()}"
     if (cost := forecast.cost) is None:
-        return f"{told}maps alone, nothing is rendered{scratch}"
+        return f"{start}maps alone, nothing is rendered{scratch}"
     share = 100 * cost.slice_tiles_seen / cost.slice_tiles
     note = forecast.outcome.repair_note
     repair_note = f"; depth: {note}" if note else ""
     return (
-        f"{told}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "
+        f"{start}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "
         f"slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
         f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
     )
 
 
-def total(found: Sequence[Forecast], jobs: int) -> dict[str, Any]:
-    """All jobs together: those that were not looked at are taken for alike."""
-    share = jobs / len(found)
+def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
+    """All jobs together, in proportion to the samples: the forecasts of some of them."""
+    share = jobs / len(samples)
     return {
         "pictures": jobs,
-        "pictures_read": len(found),
-        "read_seconds": share * sum(each.read_seconds for each in found),
-        "render_seconds": share * sum(each.seconds for each in found),
-        "peak_mb": max(each.peak_mb for each in found),
+        "pictures_read": len(samples),
+        "read_seconds": share * sum(each.read_seconds for each in samples),
+        "render_seconds": share * sum(each.seconds for each in samples),
+        "peak_mb": max(each.peak_mb for each in samples),
     }
 
 
-def total_lines(found: Sequence[Forecast], jobs: int) -> Iterator[str]:
+def total_lines(samples: Sequence[Forecast], jobs: int) -> Iterator[str]:
     """The same in words, where there are several."""
     if jobs < 2:
         return
-    every = total(found, jobs)
-    few = f", from {len(found)} of them" if len(found) < jobs else ""
+    every = total(samples, jobs)
+    few = f", from {len(samples)} of them" if len(samples) < jobs else ""
     yield (
         f"{jobs} pictures: about {duration(every['render_seconds'])} to render and "
         f"{duration(every['read_seconds'])} to read{few}; {every['peak_mb']:.0f} MB"

@@ -1,4 +1,4 @@
-"""How many regions of a picture fit into memory at once, or what to do about it."""
+"""Regions of a picture that fit into memory at once, and the remedy if not even one does."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FOR_CELLS = 0.25
 
 
 def room_on(device: str, room_mb: float) -> float:
-    """Memory left to compute in, on the machine as it is now."""
+    """Memory left to compute in, with what the machine has free now."""
     available = memory.available_mb(device)
     if device != "cpu":
         return math.inf if available is None else available
@@ -27,7 +27,7 @@ def room_on(device: str, room_mb: float) -> float:
 
 
 def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
-    """Whether the cells of a draft of a picture [C, H, W] are held, not made again where needed."""
+    """Whether the cells of a draft of a picture [C, H, W] are kept, not computed where needed."""
     from defocus_core import cells_bytes
 
     return cells_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
@@ -59,7 +59,7 @@ def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> 
 
 
 def peak_mb(job: Job, stream: Stream, holding: Holding, device: str) -> float:
-    """The most that rendering holds with its program and its files, on a GPU by itself.
+    """The most memory that rendering takes: with program and files on a CPU, alone on a GPU.
 
     Raises:
         TooLarge: it does not fit.
@@ -74,8 +74,7 @@ def peak_mb(job: Job, stream: Stream, holding: Holding, device: str) -> float:
 def _sum(base: float, files: float, rendering: float) -> str:
     """Three sizes and their sum, in words."""
     parts = [math.ceil(mb) for mb in (base, files, rendering)]
-    program, of_files, computed = parts
-    return f"{sum(parts)} MB ({program} of the program, {of_files} of its files, {computed})"
+    return "{} MB ({} of the program, {} of its files, {})".format(sum(parts), *parts)
 
 
 def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> str:
@@ -91,6 +90,6 @@ def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> s
 
 
 def _size(mb: float) -> str:
-    """A size that is no less, as people write it on the command line."""
+    """A size, rounded up, as the command line takes it."""
     tens = math.ceil(mb * memory.MB / 10**7)
     return f"{10 * tens}MB" if tens < 1000 else f"{math.ceil(tens / 10) / 10:.1f}GB"

@@ -1,4 +1,4 @@
-"""A picture rendered from its arrays to arrays of each kind of output."""
+"""Rendering a decoded picture to arrays of each kind of output, within the memory there is."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import image_type
-from defocus_cli.rendering.outcome import Loaded, Made, Outcome, repair_words
+from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands
 from defocus_cli.system.errors import TooLarge
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from defocus_core import Behind, Stream, Views
 
 Progress = Callable[[int, int], None]
-# Px on a side of the least tiles that are tried where memory of a GPU runs out.
+# Side in px of the smallest tiles to try when a GPU runs out of memory.
 _LEAST_TILE = 32
 
 
 def rendered(
     loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None = None
-) -> Made:
-    """All images that a job asks for.
+) -> Rendering:
+    """The images and maps that need rendering.
 
     Args:
-        loaded: its picture.
+        loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
         progress: called with (tiles done, tiles in all).
@@ -60,7 +60,7 @@ def rendered(
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.take(part)
+                images.place(part)
             break
         except torch.OutOfMemoryError:
             if at_once != 1:
@@ -87,11 +87,11 @@ def rendered(
         stats={**stream.stats, **scratch},
         warnings=(*outcome.warnings, *warnings),
     )
-    return Made(done, loaded.color, radius, images.planes, images.clamped)
+    return Rendering(done, loaded.color, radius, images.planes, images.clamped)
 
 
 def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = None) -> Stream:
-    """The picture of a job, to be rendered region by region.
+    """The renderer of a job, which works region by region.
 
     Args:
         loaded: the picture.
@@ -120,11 +120,11 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
 
 
 class _Images:
-    """The images of a job while they are being made.
+    """The images of a job while they are rendered.
 
     Attributes:
         planes: each rendered kind's arrays [H, W]: C of an image, one of a map.
-        clamped: how many pixels of a kind were clamped to be half.
+        clamped: number of pixels of each kind that were clamped to the range of half.
     """
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
@@ -139,8 +139,8 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def take(self, part: Views) -> None:
-        """Put a region where it belongs."""
+    def place(self, part: Views) -> None:
+        """Copy a rendered region to its place."""
         import numpy as np
 
         from defocus_cli.formats.exr import clamped_half
@@ -160,7 +160,7 @@ class _Images:
 
 
 def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
-    """What is known to lie behind: where depth is inf and colour 0, nothing is."""
+    """The hidden layer: it is unknown where depth is inf and colour 0."""
     import numpy as np
 
     from defocus_core import Behind

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from defocus_cli.jobs.job import Job
 
 
-# What is counted, of what, and in which words; what a renderer does not count is not told.
+# Each count, the count that it is a share of, and words; counts that a renderer lacks are left out.
 _LINES = (
     ("slice_tiles_done", "slice_tiles", "steps of slice x tile done"),
     ("slice_tiles_blurred", "slice_tiles", "of them blurred, the others copied"),
@@ -125,9 +125,9 @@ def _stats_lines(stats: Mapping[str, float]) -> Iterator[str]:
         yield "  nothing was rendered: maps alone need no slices"
         return
     yield f"  {stats['slices']:.0f} slices, {stats['tiles']:.0f} tiles"
-    told = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
-    width = max(len(f"{all_of_them:.0f}") for _, all_of_them, _ in told)
-    for count, all_of_them, words in told:
+    rows = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
+    width = max(len(f"{all_of_them:.0f}") for _, all_of_them, _ in rows)
+    for count, all_of_them, words in rows:
         share = 100 * count / all_of_them
         yield f"  {count:>{width}.0f} of {all_of_them:<{width}.0f} {share:>4.0f} %  {words}"
 

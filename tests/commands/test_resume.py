@@ -26,7 +26,7 @@ from command_line import (
 
 from defocus_cli.batch import local_process
 from defocus_cli.rendering import delivery, job_steps
-from defocus_cli.rendering.outcome import Made, Outcome
+from defocus_cli.rendering.outcome import Outcome, Rendering
 
 __all__ = ["folders", "in_process"]
 Computed = list[str]
@@ -277,7 +277,7 @@ def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
 ) -> None:
     write = delivery.write
 
-    def leaving(made: Made) -> Outcome:
+    def leaving(made: Rendering) -> Outcome:
         done = write(made)
         (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
         return done
