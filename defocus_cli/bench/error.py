@@ -42,12 +42,7 @@ class Row:
 
 
 def measure_shot(
-    shot: Shot,
-    pictures: Pictures,
-    methods: Sequence[str],
-    *,
-    device: str,
-    threads: int,
+    shot: Shot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
 ) -> Iterator[Row]:
     """One row for each method, when it is done.
 

@@ -16,7 +16,7 @@ from defocus_cli.bench.error import BASELINES
 
 if TYPE_CHECKING:
     from defocus_cli.bench.error import Row
-    from defocus_cli.bench.timing import Timing
+    from defocus_cli.bench.timing import Case, Cost
 
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
@@ -143,12 +143,11 @@ def _cells(values: dict[str, Any]) -> str:
     )
 
 
-def time_record(timing: Timing) -> dict[str, Any]:
-    """A timing in plain words and numbers."""
-    case = timing.case
+def time_record(case: Case, cost: Cost) -> dict[str, Any]:
+    """A case and its cost in plain words and numbers."""
     size = {"width": case.size[0], "height": case.size[1]}
     settings = {"kind": case.kind, **size, "radius": case.radius, "quality": case.quality}
-    return {"case": case.name, **settings, **asdict(timing.cost)}
+    return {"case": case.name, **settings, **asdict(cost)}
 
 
 def time_heading() -> str:
@@ -156,9 +155,8 @@ def time_heading() -> str:
     return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
 
 
-def time_line(timing: Timing) -> str:
+def time_line(case: Case, cost: Cost) -> str:
     """A row of the table of times."""
-    case, cost = timing.case, timing.cost
     size = "{}x{}".format(*case.size)
     memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"
     names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"

@@ -72,14 +72,6 @@ class Case:
         return f"{self.kind}-{width}x{height}-r{self.radius:g}-{self.quality}"
 
 
-@dataclass(frozen=True)
-class Timing:
-    """A case and its cost."""
-
-    case: Case
-    cost: Cost
-
-
 def cases(sizes: Sequence[Size], radii: Sequence[float], qualities: Sequence[str]) -> list[Case]:
     """All combinations for each kind of scene, small ones first; no blur has one radius."""
     from defocus_core import SCENE_KINDS
@@ -93,8 +85,8 @@ def cases(sizes: Sequence[Size], radii: Sequence[float], qualities: Sequence[str
     ]
 
 
-def time_case(case: Case, *, device: str, threads: int) -> Timing:
-    """Render a case several times, fewer if it takes long.
+def time_case(case: Case, *, device: str, threads: int) -> Cost:
+    """The cost of a case, which is rendered several times, fewer if it takes long.
 
     Raises:
         InputError: the picture does not fit into the memory of the GPU.
@@ -111,7 +103,7 @@ def time_case(case: Case, *, device: str, threads: int) -> Timing:
         return render(image, radius, quality=case.quality, threads=threads).render
 
     try:
-        return Timing(case, measured(work, FftUnit(image), repeats=_REPEATS)[1])
+        return measured(work, FftUnit(image), repeats=_REPEATS)[1]
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError(case.name, problem, "leave that size out or use --device cpu") from None

@@ -202,16 +202,16 @@ def _times(
         stored.refuse_incomparable(asked, threads=threads, device=device)
     timed = partial(time_case, device=device, threads=threads)
     echo(tables.time_heading())
-    timings = []
+    costs = {}
     for case in asked:
-        timings.append(timed(case))
-        echo(tables.time_line(timings[-1]))
+        costs[case] = timed(case)
+        echo(tables.time_line(case, costs[case]))
     document: dict[str, Any] = {"device": device, "threads": threads}
     if stored:
-        timings = stored.confirmed(timings, timed)
-        compared = stored.compare(timings)
+        costs = stored.confirmed(costs, timed)
+        compared = stored.compare(costs)
         worse = slower(compared)
         document |= {"baseline": compared, "slower": [each["case"] for each in worse]}
         for line in tables.comparison_lines(compared, worse):
             echo(line)
-    return {**document, "rows": [tables.time_record(timing) for timing in timings]}
+    return {**document, "rows": [tables.time_record(*item) for item in costs.items()]}

@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -32,8 +33,8 @@ KEYS = (*FILES, "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
 LIST_SUFFIXES = (".csv", ".jsonl")
 LONGEST_LINE = 2**20
-_TRIED = 100  # rows whose files are looked for
-_Row = tuple[int, Mapping[str, Any]]
+_TRIED = 100  # first rows of which one file at least must exist
+_Row = tuple[str, Mapping[str, Any]]  # place, for errors, and values
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def read_inputs(table: Table) -> list[Entry]:
     table.refuse_unknown(KEYS)
     entries = [
         *_from_files(table),
-        *(entry for file in _lists(table) for entry in _from_list(file)),
+        *(entry for file in _lists(table) for entry in _from_rows(_read_rows(file), file)),
         *_from_tables(table),
     ]
     if not entries:
@@ -95,25 +96,26 @@ def _lists(table: Table) -> list[Path]:
     return [table.file.parent / name for name in names]
 
 
-def _from_list(file: Path) -> list[Entry]:
-    rows = _read_rows(file)
-    entries = [_entry(row, _line(file, number), file.parent) for number, row in rows]
-    if not entries:
-        raise InputError(file, "has no row", "write one for each picture")
-    _refuse_lost(entries, file)
-    return entries
-
-
 def _from_tables(table: Table) -> list[Entry]:
-    rows = table.values.get("pictures", [])
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+    tables = table.values.get("pictures", [])
+    if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
         remedy = "write [[inputs.pictures]] above each picture's color and depth"
         raise UsageProblem(table.place("pictures"), "is no list of tables", remedy)
-    folder = table.file.parent
-    places = (f"{table.file}: [[inputs.pictures]] {number}" for number in range(1, len(rows) + 1))
-    entries = [_entry(row, where, folder) for row, where in zip(rows, places, strict=True)]
-    if entries:
-        _refuse_lost(entries, table.file)
+    if not tables:
+        return []
+    places = (f"{table.file}: [[inputs.pictures]] {number}" for number in count(1))
+    return _from_rows(zip(places, tables, strict=False), table.file)
+
+
+def _from_rows(rows: Iterable[_Row], file: Path) -> list[Entry]:
+    """The pictures of rows; a missing file fails in its own job, unless the first all are missing."""
+    entries = [_entry(row, where, file.parent) for where, row in rows]
+    if not entries:
+        raise InputError(file, "has no row", "write one for each picture")
+    if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
+        first = entries[0]
+        remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
+        raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
     return entries
 
 
@@ -156,16 +158,8 @@ def _stem(value: object, where: str) -> str:
     return stem
 
 
-def _refuse_lost(entries: Sequence[Entry], file: Path) -> None:
-    """Refuse a list of paths relative to something else; what is missing alone fails alone."""
-    if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
-        first = entries[0]
-        remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
-        raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
-
-
 def _read_rows(file: Path) -> Iterator[_Row]:
-    """Line number and values of each row, those that are empty or null left out.
+    """Place and values of each row, without those that are empty or null.
 
     Raises:
         InputError: the file cannot be read, or a line is no row; the line is named.
@@ -191,24 +185,25 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
             raise InputError(file, "is empty", "begin it with a line like color,depth")
         if twice := [key for key in keys if keys.count(key) > 1]:
             problem = f"names '{twice[0]}' twice"
-            raise InputError(_line(file, 1), problem, "remove one of the columns")
+            raise InputError(f"{file}: line 1", problem, "remove one of the columns")
         for cells in reader:
             values = [cell.strip() for cell in cells]
             if any(values) and len(values) != len(keys):
                 problem = f"has {len(values)} cells, but the header names {len(keys)}"
-                raise InputError(_line(file, reader.line_num), problem, "mend that line")
+                raise InputError(f"{file}: line {reader.line_num}", problem, "mend that line")
             if any(values):
                 row = zip(keys, values, strict=True)
-                yield reader.line_num, {key: value for key, value in row if value}
+                yield f"{file}: line {reader.line_num}", {key: value for key, value in row if value}
     except csv.Error as error:
-        where = _line(file, reader.line_num)
+        where = f"{file}: line {reader.line_num}"
         raise InputError(where, f"is not CSV: {reason(error)}", "mend that line") from None
 
 
 def _json_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
-    number = 0
-    while text := opened.readline(LONGEST_LINE):
-        number += 1
+    for number in count(1):
+        text = opened.readline(LONGEST_LINE)
+        if not text:
+            return
         if not text.strip():
             continue
         remedy = 'write it like {"color": "a.exr", "depth": "b.exr"}'
@@ -216,12 +211,10 @@ def _json_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
             row = json.loads(text)
         except (ValueError, RecursionError) as error:
             problem = f"is not JSON: {reason(error)}"
-            raise InputError(_line(file, number), problem, remedy) from None
+            raise InputError(f"{file}: line {number}", problem, remedy) from None
         if not isinstance(row, dict):
-            raise InputError(_line(file, number), "is no JSON object", remedy)
-        yield number, {key: value for key, value in row.items() if value not in (None, "")}
-
-
-def _line(file: Path, number: int) -> str:
-    """The place of a row, for errors."""
-    return f"{file}: line {number}"
+            raise InputError(f"{file}: line {number}", "is no JSON object", remedy)
+        yield (
+            f"{file}: line {number}",
+            {key: value for key, value in row.items() if value not in (None, "")},
+        )

@@ -25,21 +25,13 @@ from typing import Any
 from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
-from defocus_cli.jobs.job import (
-    DEPTH_REPAIRS,
-    QUALITIES,
-    Job,
-    Machine,
-    Outputs,
-    Reading,
-)
+from defocus_cli.jobs.job import DEPTH_REPAIRS, QUALITIES, Job, Machine, Outputs, Reading
 from defocus_cli.jobs.lens_expansion import read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.toml_file import Table, read_toml, table
 from defocus_cli.system.errors import UsageProblem, did_you_mean
 
 TABLES = ("inputs", "lens", "sweep", "sample", "reading", "outputs", "machine")
-LARGEST_FILE = 2**26  # bytes
 MOST_JOBS = 10_000_000
 
 
@@ -56,7 +48,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
         UsageProblem: a key is unknown, a value makes no sense, or two contradict each other.
     """
     remedy = "give a jobs file, with tables [inputs] and [lens]"
-    stored = read_toml(path, what="jobs file", remedy=remedy, largest=LARGEST_FILE)
+    stored = read_toml(path, what="jobs file", remedy=remedy)
     for name in stored:
         if name not in TABLES:
             known = f"a jobs file knows [{'], ['.join(TABLES)}]"

@@ -25,30 +25,22 @@ from defocus_cli.jobs.quantities import length_text, read_at, text_of
 from defocus_cli.jobs.toml_file import read_toml
 from defocus_cli.system.errors import UsageProblem, did_you_mean
 
-PARSERS: dict[str, Callable[[str], Any]] = {
-    "focal-length": quantities.length,
-    "fnumber": quantities.fnumber,
-    "aperture-diameter": quantities.length,
-    "sensor-width": quantities.length,
-    "focus": quantities.focus,
-    "focus-at": quantities.pixel,
-    "blades": quantities.blades,
-    "blade-rotation": quantities.angle,
+# How each option is read, and what a file name calls it.
+_ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "focal-length": (quantities.length, "fl"),
+    "fnumber": (quantities.fnumber, "f"),
+    "aperture-diameter": (quantities.length, "d"),
+    "sensor-width": (quantities.length, "sensor"),
+    "focus": (quantities.focus, "focus"),
+    "focus-at": (quantities.pixel, "at"),
+    "blades": (quantities.blades, "blades"),
+    "blade-rotation": (quantities.angle, "turn"),
 }
+PARSERS = {name: parser for name, (parser, _) in _ROWS.items()}
 LENGTHS = frozenset({"focal-length", "aperture-diameter", "sensor-width", "focus"})
 ALTERNATIVES = (("fnumber", "aperture-diameter"), ("focus", "focus-at"))
 _DASHES = "--"
 _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an example of each
-_TAGS = {
-    "focal-length": "fl",
-    "fnumber": "f",
-    "aperture-diameter": "d",
-    "sensor-width": "sensor",
-    "focus": "focus",
-    "focus-at": "at",
-    "blades": "blades",
-    "blade-rotation": "turn",
-}
 
 
 @lru_cache(maxsize=65536)
@@ -75,10 +67,12 @@ def checked(name: str, value: object, where: str) -> str:
 def tag(name: str, value: Any) -> str:
     """What a file name says of an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
     if isinstance(value, quantities.Percentile):
-        return f"focusp{value.percent:.6g}"
-    if isinstance(value, tuple):
-        return _TAGS[name] + "x".join(map(str, value))
-    return _TAGS[name] + (length_text(value) if name in LENGTHS else f"{value:.6g}")
+        text = f"p{value.percent:.6g}"
+    elif isinstance(value, tuple):
+        text = "x".join(map(str, value))
+    else:
+        text = length_text(value) if name in LENGTHS else f"{value:.6g}"
+    return _ROWS[name][1] + text
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,23 +12,22 @@ from defocus_cli.jobs.quantities import read_at, text_of
 from defocus_cli.system.errors import InputError, UsageProblem, did_you_mean, reason
 
 T = TypeVar("T")
-LARGEST_FILE = 2**20  # bytes
+LARGEST_FILE = 2**26  # bytes
 
 
-def read_toml(file: Path, *, what: str, remedy: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
+def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
     """The tables and values of a TOML file.
 
     Args:
         file: the file.
         what: what the file should be, like ``lens file``.
         remedy: what to give instead of a file that is none.
-        largest: bytes that no such file exceeds.
 
     Raises:
         InputError: the file cannot be read as TOML.
     """
     try:
-        return tomllib.loads(_text(file, what, remedy, largest))
+        return tomllib.loads(_text(file, what, remedy))
     except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
         raise InputError(file, f"is not TOML: {reason(error)}", "mend that line") from None
 
@@ -110,15 +109,15 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
     return Table(file, name, values)
 
 
-def _text(file: Path, what: str, remedy: str, largest: int) -> str:
+def _text(file: Path, what: str, remedy: str) -> str:
     try:
         with file.open("rb") as opened:
-            data = opened.read(largest + 1)  # not all of /dev/zero
+            data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
         text = data.decode("utf-8-sig")
     except OSError as error:
         raise InputError(file, f"cannot be read: {reason(error)}", remedy) from None
     except UnicodeDecodeError:
         raise InputError(file, "is not a text file", remedy) from None
-    if "\0" in text or len(data) > largest:
+    if "\0" in text or len(data) > LARGEST_FILE:
         raise InputError(file, f"is not a {what}", remedy)
     return text

@@ -15,12 +15,7 @@ from defocus_cli.jobs.lens_options import refuse_near_focus
 from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import drawn_lens
 from defocus_cli.system.arrays import Keeping, bands
-from defocus_cli.system.errors import (
-    InputError,
-    Rejected,
-    UsageProblem,
-    reason,
-)
+from defocus_cli.system.errors import InputError, Rejected, UsageProblem, reason
 
 if TYPE_CHECKING:
     import numpy as np

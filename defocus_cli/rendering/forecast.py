@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -166,13 +166,11 @@ def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
     }
 
 
-def total_lines(samples: Sequence[Forecast], jobs: int) -> Iterator[str]:
-    """The same in words, where there are several."""
-    if jobs < 2:
-        return
+def total_line(samples: Sequence[Forecast], jobs: int) -> str:
+    """All jobs together, in words."""
     every = total(samples, jobs)
     few = f", from {len(samples)} of them" if len(samples) < jobs else ""
-    yield (
+    return (
         f"{jobs} pictures: about {duration(every['render_seconds'])} to render and "
         f"{duration(every['read_seconds'])} to read{few}; {every['peak_mb']:.0f} MB"
     )

@@ -155,12 +155,7 @@ def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tu
 
     shared = picture.color == picture.depth
     color_part, depth_part = parts_of(picture, reading)
-    color = read_color(
-        picture.color,
-        layer=reading.color_layer,
-        part=color_part,
-        keeping=keeping,
-    )
+    color = read_color(picture.color, layer=reading.color_layer, part=color_part, keeping=keeping)
     depth = read_depth(
         picture.depth,
         channel=reading.depth_channel,

@@ -35,20 +35,20 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
     done = {job for job, _ in plan.settled}
     samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
     by_job = {todo[number]: each for number, each in samples.items()}
-    looked_at = list(samples.values())
+    sampled = list(samples.values())
     if as_json:
         records = []
         for job in jobs:
             more = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
             records.append({**job_report.plan_record(job), "done_before": job in done, **more})
-        whole = forecast.total(looked_at, len(todo)) if looked_at else None
+        whole = forecast.total(sampled, len(todo)) if sampled else None
         console.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
     for job in () if as_json else jobs:
         console.tell(job_report.done_before_line(job) if job in done else job_report.plan_line(job))
         if job in by_job:
             console.tell(forecast.line(by_job[job]))
-    for line in forecast.total_lines(looked_at, len(todo)) if looked_at and not as_json else ():
-        console.tell(line)
+    if sampled and len(todo) > 1 and not as_json:
+        console.tell(forecast.total_line(sampled, len(todo)))
     _end(unusable, len(samples), "pictures")
 
 
