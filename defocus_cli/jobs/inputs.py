@@ -108,7 +108,7 @@ def _from_tables(table: Table) -> list[Entry]:
 
 
 def _from_rows(rows: Iterable[_Row], file: Path) -> list[Entry]:
-    """The pictures of rows; a missing file fails in its own job, unless the first all are missing."""
+    """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
     entries = [_entry(row, where, file.parent) for where, row in rows]
     if not entries:
         raise InputError(file, "has no row", "write one for each picture")

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from defocus_core import Behind, Stream, Views
 
 Progress = Callable[[int, int], None]
-# Side in px of the smallest tiles to try when a GPU runs out of memory.
-_LEAST_TILE = 32
 
 
 def rendered(
@@ -42,18 +40,16 @@ def rendered(
     import torch
 
     from defocus_cli.rendering.memory_fit import regions_at_once
-    from defocus_core import TILE
 
     job, device = outcome.job, outcome.device
     set_to_render()
     images = _Images(job, loaded)
-    warnings: list[str] = []
     wall, cpu = time.perf_counter(), time.process_time()
-    tile, at_once = job.machine.tile, None
+    at_once = None
     while True:
         images.clamped.clear()
         try:
-            stream = stream_of(loaded, radius, outcome, tile)
+            stream = stream_of(loaded, radius, outcome)
             if at_once is None:
                 at_once = regions_at_once(job, stream, loaded.holding, device)
                 if at_once < job.machine.threads:  # memory is short
@@ -62,42 +58,34 @@ def rendered(
             for part in stream.regions(at_once, progress):
                 images.place(part)
             break
-        except torch.OutOfMemoryError:
-            if at_once != 1:
-                at_once = 1
-                continue
-            tile = (tile or TILE) // 2
-            if tile < _LEAST_TILE:
-                problem = "does not fit into the memory of the GPU"
-                raise TooLarge(job.picture.color, problem, "use --device cpu") from None
-            warnings = [
-                f"the GPU ran out of memory: rendered in tiles of {tile} px instead, which may "
-                "change the last digits"
-            ]
+        except torch.OutOfMemoryError:  # other programs share the GPU: once more, one by one
             torch.cuda.empty_cache()
+            if at_once == 1:
+                problem = "does not fit into the memory of the GPU"
+                remedy = "use --device cpu, or a smaller --tile"
+                raise TooLarge(job.picture.color, problem, remedy) from None
+            at_once = 1
     if device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
-    done = replace(
+    outcome = replace(
         outcome,
         repair_note=repair_words(stream.repair),
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
-        warnings=(*outcome.warnings, *warnings),
     )
-    return Rendering(done, loaded.color, radius, images.planes, images.clamped)
+    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
 
 
-def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = None) -> Stream:
+def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
     """The renderer of a job, which works region by region.
 
     Args:
-        loaded: the picture.
+        loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
-        tile: side of tiles in px.
     """
     from defocus_cli.rendering.memory_fit import holds_cells, room_on
     from defocus_core import Aperture, Stream
@@ -112,7 +100,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
         left_right=any(kind.halves for kind in job.outputs.rows),
         hidden=None if loaded.behind is None else _behind(loaded, outcome),
         threads=job.machine.threads,
-        tile=tile or job.machine.tile,
+        tile=job.machine.tile,
         infinity=radius_at_infinity(lens, outcome.size),
         depth_repair=job.machine.depth_repair,
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),

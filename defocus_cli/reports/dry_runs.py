@@ -43,12 +43,14 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
             records.append({**job_report.plan_record(job), "done_before": job in done, **more})
         whole = forecast.total(sampled, len(todo)) if sampled else None
         console.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
-    for job in () if as_json else jobs:
-        console.tell(job_report.done_before_line(job) if job in done else job_report.plan_line(job))
-        if job in by_job:
-            console.tell(forecast.line(by_job[job]))
-    if sampled and len(todo) > 1 and not as_json:
-        console.tell(forecast.total_line(sampled, len(todo)))
+    else:
+        for job in jobs:
+            line = job_report.done_before_line if job in done else job_report.plan_line
+            console.tell(line(job))
+            if job in by_job:
+                console.tell(forecast.line(by_job[job]))
+        if sampled and len(todo) > 1:
+            console.tell(forecast.total_line(sampled, len(todo)))
     _end(unusable, len(samples), "pictures")
 
 
