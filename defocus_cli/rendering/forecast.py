@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.memory_budget import base_mb
-from defocus_cli.rendering.memory_fit import peak_mb
+from defocus_cli.rendering.memory_fit import regions_at_once
 from defocus_cli.rendering.outcome import Outcome, repair_words
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import duration
@@ -106,12 +106,12 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     outcome, radius = job_steps.prepare(job, loaded)
     held = loaded.holding
     scratch_mb = held.arrays_mb if held.scratch else 0.0
+    peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     if not job.outputs.need_rendering:
-        peak = base_mb() + held.files_mb if device == "cpu" else 0.0
         return Forecast(outcome, read_seconds, None, 0.0, peak, scratch_mb)
     stream = stream_of(loaded, radius, outcome)
     outcome = replace(outcome, repair_note=repair_words(stream.repair))
-    work, peak = cost(stream), peak_mb(job, stream, held, device)
+    work, peak = cost(stream), peak + regions_at_once(job, stream, held, device)[1]
     return Forecast(outcome, read_seconds, work, work.work / rate, peak, scratch_mb)
 
 

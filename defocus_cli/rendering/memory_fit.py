@@ -33,8 +33,8 @@ def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
     return cells_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
 
 
-def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> int:
-    """How many regions of a picture may be computed at once.
+def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> tuple[int, float]:
+    """How many regions of a picture may be computed at once, and a bound of their memory in MB.
 
     Raises:
         TooLarge: not even one fits; the remedy is the option with which it would.
@@ -47,28 +47,15 @@ def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> 
         return memory_bound(stream, threads, at_once) / memory.MB
 
     for at_once in range(threads, 0, -1):
-        if needed(threads, at_once) <= room:
-            return at_once
-    least = needed(threads, 1)
+        if (bound := needed(threads, at_once)) <= room:
+            return at_once, bound
+    beside = base_mb() + holding.files_mb
     raise TooLarge(
         job.picture.color,
-        f"needs {_sum(base_mb(), holding.files_mb, least)} to render, "
-        f"but {min(limit_mb(job.machine), base_mb() + holding.files_mb + room):.0f} MB are allowed",
-        _remedy(job, least, threads > 1 and needed(1, 1) <= room, device),
+        f"needs {_sum(base_mb(), holding.files_mb, bound)} to render, "
+        f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
+        _remedy(job, bound, threads > 1 and needed(1, 1) <= room, device),
     )
-
-
-def peak_mb(job: Job, stream: Stream, holding: Holding, device: str) -> float:
-    """The most memory that rendering takes: with program and files on a CPU, alone on a GPU.
-
-    Raises:
-        TooLarge: it does not fit.
-    """
-    from defocus_core import memory_bound
-
-    at_once = regions_at_once(job, stream, holding, device)
-    bound = memory_bound(stream, job.machine.threads, at_once) / memory.MB
-    return bound + (base_mb() + holding.files_mb if device == "cpu" else 0.0)
 
 
 def _sum(base: float, files: float, rendering: float) -> str:

@@ -51,7 +51,7 @@ def rendered(
         try:
             stream = stream_of(loaded, radius, outcome)
             if at_once is None:
-                at_once = regions_at_once(job, stream, loaded.holding, device)
+                at_once, _ = regions_at_once(job, stream, loaded.holding, device)
                 if at_once < job.machine.threads:  # memory is short
                     memory.keep_freed(False)
                     memory.trim()

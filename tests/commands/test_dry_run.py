@@ -153,7 +153,7 @@ def held(room_mb: float) -> Holding:
 
 def regions_at_once(job: Job, room_mb: float) -> int:
     unused: Any = None
-    return memory_fit.regions_at_once(job, unused, held(room_mb), "cpu")
+    return memory_fit.regions_at_once(job, unused, held(room_mb), "cpu")[0]
 
 
 @pytest.mark.parametrize(
