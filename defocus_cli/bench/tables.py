@@ -1,7 +1,7 @@
 """Tables and JSON records of errors and times, their means and regressions.
 
 A regression is a shot on which `standard` is worse than a baseline by more than truth in half
-floats can tell: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
+floats can show: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
 """
 
 from __future__ import annotations

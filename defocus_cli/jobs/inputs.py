@@ -1,4 +1,4 @@
-"""The pictures that a jobs file names, with lens options of their own.
+"""Pictures of a jobs file: from paths, patterns, lists and tables, with lens options of their own.
 
 ``[inputs]`` knows
   color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
@@ -39,7 +39,7 @@ _Row = tuple[str, Mapping[str, Any]]  # place, for errors, and values
 
 @dataclass(frozen=True)
 class Entry:
-    """A picture, and where it is named."""
+    """A picture, its place in a file for errors, and its own lens options as texts."""
 
     picture: Picture
     where: str
@@ -126,7 +126,7 @@ def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
         for key, value in row.items()
         if key not in ROW_KEYS
     }
-    lens_options.refuse_both(options, f"{where}: ")
+    lens_options.refuse_contradiction(options, f"{where}: ")
     paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError(where, "names no color", "give it the path of a colour file")

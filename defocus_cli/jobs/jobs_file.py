@@ -26,7 +26,7 @@ from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
 from defocus_cli.jobs.job import DEPTH_REPAIRS, QUALITIES, Job, Machine, Outputs, Reading
-from defocus_cli.jobs.lens_expansion import read_plan
+from defocus_cli.jobs.lens_plan import read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.toml_file import Table, read_toml, table
 from defocus_cli.system.errors import UsageProblem, did_you_mean

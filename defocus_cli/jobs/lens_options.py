@@ -54,7 +54,7 @@ def parsed(name: str, text: str) -> Any:
 
 
 def checked(name: str, value: object, where: str) -> str:
-    """The text of an option that makes sense.
+    """The text of an option, once it is known to make sense.
 
     Raises:
         UsageProblem: it makes none; ``where`` is named.
@@ -76,9 +76,9 @@ def tag(name: str, value: Any) -> str:
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of which ``over`` win, also over the other way to say the same.
+    """Options of both, of which ``over`` win, also over the alternatives to them.
 
-    Blades that ``over`` takes away are not turned any more.
+    If ``over`` makes the aperture round, the rotation of its blades is dropped.
     """
     lost = {name for pair in ALTERNATIVES for name in pair if over.keys() & set(pair)}
     if str(over.get("blades")) == "0":
@@ -98,7 +98,7 @@ def make_lens(flags: Mapping[str, Any], file: Path | None) -> Lens:
         UsageProblem: an option is missing, contradicts another or makes no sense.
     """
     options = {name: value for name, value in flags.items() if value is not None}
-    refuse_both(options, _DASHES)
+    refuse_contradiction(options, _DASHES)
     stored = {} if file is None else read_lens_file(file)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     refuse_missing(values, _DASHES)
@@ -143,7 +143,7 @@ def read_lens_file(file: Path) -> dict[str, str]:
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
     refuse_unknown(stored, file, "a lens file")
-    refuse_both(stored, f"{file}: ")
+    refuse_contradiction(stored, f"{file}: ")
     return {name: checked(name, value, f"{file}: {name}") for name, value in stored.items()}
 
 
@@ -159,8 +159,8 @@ def refuse_unknown(
             raise UsageProblem(where, f"unknown key '{name}'", remedy)
 
 
-def refuse_both(values: Mapping[str, Any], source: str) -> None:
-    """Raise UsageProblem if two options say the same."""
+def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
+    """Raise UsageProblem if two options set the same, like an f-number and a diameter."""
     dashes = _DASHES if source == _DASHES else ""
     for one, other in ALTERNATIVES:
         if one in values and other in values:
@@ -168,7 +168,7 @@ def refuse_both(values: Mapping[str, Any], source: str) -> None:
 
 
 def refuse_missing(values: Mapping[str, Any], source: str) -> None:
-    """Raise UsageProblem if there is no lens without another option."""
+    """Raise UsageProblem if a required option is missing."""
     others = dict(ALTERNATIVES)
     for name, example in _REQUIRED.items():
         other = others.get(name)

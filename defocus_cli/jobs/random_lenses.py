@@ -16,7 +16,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.job import Draw, Lens
-from defocus_cli.jobs.lens_options import PARSERS, lens_of, parsed, refuse_both
+from defocus_cli.jobs.lens_options import PARSERS, lens_of, parsed, refuse_contradiction
 from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage, read_at, text_of
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem, reason
@@ -69,7 +69,7 @@ def read_sampling(table: Table) -> Sampling:
         key = "n" if count is None else "seed"
         raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
     options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
-    refuse_both(options, f"{table.file}: [sample] ")
+    refuse_contradiction(options, f"{table.file}: [sample] ")
     for name, text in options.items():
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"

@@ -19,7 +19,7 @@ from defocus_cli.jobs.lens_options import (
     PARSERS,
     checked,
     parsed,
-    refuse_both,
+    refuse_contradiction,
     refuse_unknown,
     tag,
 )
@@ -40,14 +40,14 @@ _SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = 
 
 @dataclass(frozen=True)
 class Point:
-    """One lens of a sweep: what it adds to a picture's name, and its options as texts."""
+    """One lens of a sweep: the suffix of its samples, and its swept options as texts."""
 
     suffix: str
     options: Mapping[str, str]
 
 
 def read_sweep(table: Table) -> list[Point]:
-    """The lenses of ``[sweep]``: the first option changes slowest. One without any if it is empty.
+    """The lenses of ``[sweep]``, the first option slowest; one lens without options if it is empty.
 
     Raises:
         UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
@@ -78,7 +78,7 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
                 problem = "is in lenses, too"
                 raise UsageProblem(table.place(twice), problem, "sweep it in one place")
             options |= part
-        refuse_both(options, f"{table.file}: [sweep] ")
+        refuse_contradiction(options, f"{table.file}: [sweep] ")
         names = (name for name in PARSERS if name in options)
         suffix = "".join(f"_{tag(name, parsed(name, options[name]))}" for name in names)
         if suffix in points:

@@ -1,7 +1,7 @@
-"""The lenses that take a picture: ``[lens]``, the picture's own options, sweep and draws.
+"""The lenses of each picture: ``[lens]``, the picture's own options, the sweep and the draws.
 
-An option stands in one place, or it would be ignored in another; only a picture's own options win
-over ``[lens]``, and ``[lens]`` over the lens file that it names.
+An option is set in one place, as it would be ignored in another. Only a picture's own options win
+over ``[lens]``, and ``[lens]`` over its lens file.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from defocus_cli.jobs.lens_options import (
     merged,
     parsed,
     read_lens_file,
-    refuse_both,
+    refuse_contradiction,
     refuse_idle_turn,
     refuse_missing,
     refuse_near_focus,
@@ -40,10 +40,10 @@ class LensPlan:
 
     Attributes:
         source: the jobs file, as errors begin with it.
-        options: of all lenses.
-        points: options of each lens of the sweep.
-        sampling: options that are drawn for each of these.
-        max_coc: px of CoC radius that no lens exceeds.
+        options: options of all lenses, as texts.
+        points: the lenses of the sweep.
+        sampling: the options that are drawn, for each point.
+        max_coc: largest CoC radius in px that a lens may have; None for any.
         taken: options that are swept or drawn, and the name of the table that says so.
     """
 
@@ -60,7 +60,7 @@ class LensPlan:
         return len(self.points) * max(self.sampling.count, 1)
 
     def lenses(self, entry: Entry) -> Iterator[tuple[str, Lens]]:
-        """What each lens adds to the picture's name, and the lens.
+        """The suffix of each lens for the name of the sample, and the lens.
 
         Raises:
             UsageProblem: an option is missing or in two places, or the focus is too near.
@@ -82,7 +82,7 @@ class LensPlan:
 
 
 def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
-    """What ``[lens]``, ``[sweep]`` and ``[sample]`` ask for.
+    """The lenses that ``[lens]``, ``[sweep]`` and ``[sample]`` ask for.
 
     Raises:
         InputError: the lens file cannot be read.
@@ -94,11 +94,16 @@ def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
         for name in PARSERS
         if name in lens.values
     }
-    refuse_both(own, f"{lens.file}: [lens] ")
+    refuse_contradiction(own, f"{lens.file}: [lens] ")
     points, sampling = read_sweep(sweep), read_sampling(sample)
-    taken = {same: sweep.name for point in points for name in point.options for same in _same(name)}
+    taken = {
+        same: sweep.name
+        for point in points
+        for name in point.options
+        for same in _with_alternative(name)
+    }
     _refuse_taken(sampling.options, taken, sample.place(""))
-    taken |= {same: sample.name for name in sampling.options for same in _same(name)}
+    taken |= {same: sample.name for name in sampling.options for same in _with_alternative(name)}
     _refuse_taken(own, taken, lens.place(""))
     file = lens.text("file")
     stored = {} if file is None else read_lens_file(lens.file.parent / file)
@@ -120,7 +125,7 @@ def _max_coc(lens: Table, sample: Table) -> float | None:
 
 
 def _check_lens(options: Mapping[str, str], source: str) -> None:
-    """Refuse a lens that lacks an option, has one in vain, or could be focused too near."""
+    """Refuse a lens without a required option, with a useless one, or that may focus too near."""
     refuse_missing(options, source)
     nearest = min(_extremes(options, "focus"), default=math.inf)
     longest = max(_extremes(options, "focal-length"))
@@ -141,12 +146,12 @@ def _extremes(options: Mapping[str, str], name: str) -> list[float]:
 
 
 def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str) -> None:
-    """Refuse an option that a table of the jobs file has, too."""
+    """Refuse options that another table of the jobs file sets, too."""
     for name in options:
         if name in taken:
             raise UsageProblem(f"{source}{name}", f"is in [{taken[name]}], too", "remove one")
 
 
-def _same(name: str) -> set[str]:
-    """The option and the other way to say the same."""
+def _with_alternative(name: str) -> set[str]:
+    """The option, and the one that says the same in another way."""
     return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))
