@@ -21,11 +21,10 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
-from defocus_cli.jobs import lens_options
 from defocus_cli.jobs.job import Picture
-from defocus_cli.jobs.lens_options import checked
+from defocus_cli.jobs.lens_options import PARSERS, checked, refuse_contradiction
 from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures
-from defocus_cli.jobs.toml_file import Table
+from defocus_cli.jobs.toml_file import Table, refuse_unknown
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 
 FILES = ("color", "depth", "hidden-color", "hidden-depth")
@@ -120,13 +119,13 @@ def _from_rows(rows: Iterable[_Row], file: Path) -> list[Entry]:
 
 
 def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
-    lens_options.refuse_unknown(row, where, "a row", more=ROW_KEYS)
+    refuse_unknown(row, (*PARSERS, *ROW_KEYS), where, "a row")
     options = {
         key: checked(key, value, f"{where}: {key}")
         for key, value in row.items()
         if key not in ROW_KEYS
     }
-    lens_options.refuse_contradiction(options, f"{where}: ")
+    refuse_contradiction(options, f"{where}: ")
     paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError(where, "names no color", "give it the path of a colour file")

@@ -28,8 +28,8 @@ from defocus_cli.jobs.inputs import read_inputs
 from defocus_cli.jobs.job import DEPTH_REPAIRS, QUALITIES, Job, Machine, Outputs, Reading
 from defocus_cli.jobs.lens_plan import read_plan
 from defocus_cli.jobs.quantities import pixel_count
-from defocus_cli.jobs.toml_file import Table, read_toml, table
-from defocus_cli.system.errors import UsageProblem, did_you_mean
+from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
+from defocus_cli.system.errors import UsageProblem
 
 TABLES = ("inputs", "lens", "sweep", "sample", "reading", "outputs", "machine")
 MOST_JOBS = 10_000_000
@@ -49,10 +49,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     """
     remedy = "give a jobs file, with tables [inputs] and [lens]"
     stored = read_toml(path, what="jobs file", remedy=remedy)
-    for name in stored:
-        if name not in TABLES:
-            known = f"a jobs file knows [{'], ['.join(TABLES)}]"
-            raise UsageProblem(path, f"unknown table '{name}'", did_you_mean(name, TABLES, known))
+    refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
     plan = read_plan(named["lens"], named["sweep"], named["sample"])
     reading = _reading(named["reading"])
@@ -110,12 +107,8 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
         raise UsageProblem(
             section.place("kinds"), f"{value!r} is no list", 'write ["render", "coc"]'
         )
-    kinds = [str(kind).strip() for kind in kinds]
-    for kind in kinds:
-        if kind not in KINDS:
-            remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
-            raise UsageProblem(section.place("kinds"), f"'{kind}' is not an output", remedy)
-    return tuple(dict.fromkeys(kinds))
+    known = (section.one_of(tuple(KINDS), "kinds", str(kind).strip()) for kind in kinds)
+    return tuple(dict.fromkeys(known))
 
 
 def _machine(section: Table, machine: Machine) -> Machine:

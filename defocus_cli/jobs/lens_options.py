@@ -14,7 +14,7 @@ dashes for the command line, else the file or table, with a colon and a blank.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from typing import Any
 from defocus_cli.jobs import quantities
 from defocus_cli.jobs.job import Lens
 from defocus_cli.jobs.quantities import length_text, read_at, text_of
-from defocus_cli.jobs.toml_file import read_toml
-from defocus_cli.system.errors import UsageProblem, did_you_mean
+from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
+from defocus_cli.system.errors import UsageProblem
 
 # How each option is read, and what a file name calls it.
 _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
@@ -142,21 +142,9 @@ def read_lens_file(file: Path) -> dict[str, str]:
     """
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
-    refuse_unknown(stored, file, "a lens file")
+    refuse_unknown(stored, tuple(PARSERS), file, "a lens file")
     refuse_contradiction(stored, f"{file}: ")
     return {name: checked(name, value, f"{file}: {name}") for name, value in stored.items()}
-
-
-def refuse_unknown(
-    names: Iterable[str], where: str | Path, teller: str, more: Sequence[str] = ()
-) -> None:
-    """Raise UsageProblem unless a lens has options of these names; ``more`` are known there too."""
-    known = (*PARSERS, *more)
-    for name in names:
-        if name not in known:
-            otherwise = f"{teller} knows {', '.join(known)}"
-            remedy = did_you_mean(name.replace("_", "-"), known, otherwise)
-            raise UsageProblem(where, f"unknown key '{name}'", remedy)
 
 
 def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:

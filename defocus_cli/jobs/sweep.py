@@ -20,11 +20,10 @@ from defocus_cli.jobs.lens_options import (
     checked,
     parsed,
     refuse_contradiction,
-    refuse_unknown,
     tag,
 )
 from defocus_cli.jobs.quantities import Percentile
-from defocus_cli.jobs.toml_file import Table
+from defocus_cli.jobs.toml_file import Table, refuse_unknown
 from defocus_cli.system.errors import UsageProblem
 
 MOST_LENSES = 100_000
@@ -52,8 +51,7 @@ def read_sweep(table: Table) -> list[Point]:
     Raises:
         UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
     """
-    known = (*PARSERS, "lenses")
-    table.refuse_unknown(known)
+    table.refuse_unknown((*PARSERS, "lenses"))
     axes = [
         [{name: text} for text in _values(name, table.values[name], table.place(name))]
         for name in PARSERS
@@ -103,7 +101,7 @@ def _sets(table: Table) -> list[dict[str, str]]:
     if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
         raise UsageProblem(where, "is no list of lenses", remedy)
-    refuse_unknown((name for one in sets for name in one), where, "a lens")
+    refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
     return [
         {name: checked(name, value, f"{where}: {name}") for name, value in one.items()}
         for one in sets

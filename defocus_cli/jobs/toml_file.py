@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -45,17 +45,8 @@ class Table:
         return f"{self.file}: [{self.name}] {key}"
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
-        """Refuse keys other than ``known``.
-
-        Raises:
-            UsageProblem: naming the key, and the known one that it resembles.
-        """
-        for key in self.values:
-            if key not in known:
-                remedy = did_you_mean(
-                    key.replace("_", "-"), known, f"[{self.name}] knows {', '.join(known)}"
-                )
-                raise UsageProblem(f"{self.file}: [{self.name}]", f"unknown key '{key}'", remedy)
+        """Refuse keys other than ``known``, as the function does."""
+        refuse_unknown(self.values, known, f"{self.file}: [{self.name}]", f"[{self.name}]")
 
     def text(self, key: str) -> str | None:
         """A text, or None."""
@@ -74,11 +65,15 @@ class Table:
 
     def choice(self, key: str, known: Sequence[str]) -> str | None:
         """One of the ``known`` words, or None."""
-        value = self.values.get(key)
-        if value is None or value in known:
-            return value
-        remedy = did_you_mean(str(value), known, f"choose from {', '.join(known)}")
-        raise UsageProblem(self.place(key), f"'{value}' is not known", remedy)
+        return self.one_of(known, key, self.values[key]) if key in self.values else None
+
+    def one_of(self, known: Sequence[str], key: str, word: object) -> str:
+        """A word below ``key`` that must be one of the ``known``."""
+        for each in known:
+            if each == word:
+                return each
+        remedy = did_you_mean(str(word), known, f"choose from {', '.join(known)}")
+        raise UsageProblem(self.place(key), f"'{word}' is not known", remedy)
 
     def flag(self, key: str) -> bool | None:
         """True or false, or None."""
@@ -94,6 +89,27 @@ class Table:
             return value
         problem = f"{value!r} is not a whole number of {least} or more"
         raise UsageProblem(self.place(key), problem, f"write it like {max(least, 1)}")
+
+
+def refuse_unknown(
+    keys: Iterable[str], known: Sequence[str], where: str | Path, owner: str, what: str = "key"
+) -> None:
+    """Refuse keys, or other things of a file, that are not known.
+
+    Args:
+        keys: the keys.
+        known: those that there may be.
+        where: the place, for errors.
+        owner: who knows them, like ``a lens file``.
+        what: what they are.
+
+    Raises:
+        UsageProblem: naming the key, and the known one that it resembles.
+    """
+    for key in keys:
+        if key not in known:
+            remedy = did_you_mean(key.replace("_", "-"), known, f"{owner} knows {', '.join(known)}")
+            raise UsageProblem(where, f"unknown {what} '{key}'", remedy)
 
 
 def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:

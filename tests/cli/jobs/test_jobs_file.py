@@ -89,7 +89,7 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         (FIXED + "focus-at = [1, 2]\n", r"\[lens\] focus: contradicts focus-at"),
         (LENS + "fnumber = 2\nfocus = '4cm'\n", r"jobs\.toml: focus: 40mm is not farther than"),
         (FIXED + "max-coc = '4mm'\n", r"\[lens\] max-coc: '4mm' has an unknown unit"),
-        (FIXED + "[outputs]\nkinds = ['rendre']\n", r"kinds: 'rendre' is not an output; did you"),
+        (FIXED + "[outputs]\nkinds = ['rendre']\n", r"kinds: 'rendre' is not known; did you"),
         (FIXED + "[outputs]\nkinds = []\n", r"\[outputs\] kinds: \[\] is no list"),
         (FIXED + "[outputs]\nformat = 'gif'\n", r"\[outputs\] format: 'gif' is not known; choose"),
         (FIXED + "[outputs]\nformat = [1]\n", r"\[outputs\] format: '\[1\]' is not known"),
