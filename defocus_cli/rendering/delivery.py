@@ -36,47 +36,47 @@ def write(rendering: Rendering) -> Outcome:
     Raises:
         InputError: a file cannot be written.
     """
-    from defocus_cli.formats.encode import write_image, write_map
-    from defocus_cli.rendering.preview import write_preview, write_signed_preview
-
-    outcome, color = rendering.outcome, rendering.color
-    outputs = outcome.job.outputs
-    paths, previews = outcome.job.paths, outcome.job.previews
-    warnings: list[str] = []
+    outcome, outputs = rendering.outcome, rendering.outcome.job.outputs
     if not outputs.root.is_dir():  # created again, it would have no journal
         problem = "was removed while jobs were done"
         raise InputError(outputs.root, problem, "run the same command again")
     with written_together():
-        for kind in outputs.rows:
-            path, preview = paths[kind.name], previews.get(kind.name)
-            planes = (
-                rendering.images[kind.name]
-                if kind.rendered
-                else (_OfRadius(rendering.radius, kind),)
-            )
-            attributes = _attributes(outcome, kind)
-            if kind.image:
-                lost = write_image(
-                    path,
-                    Stack(planes),
-                    color.channels,
-                    exr_type=outputs.exr_type,
-                    bits=16 if outputs.format == "png16" else 8,
-                    attributes={**color.attributes, **attributes},
-                    extras=color.extras,
-                    corner=color.corner,
-                    clamped=rendering.clamped.get(kind.name, 0),
-                )
-                warnings += [f"{kind.name}: {warning}" for warning in lost]
-            else:
-                write_map(path, planes[0], kind.name, attributes=attributes, corner=color.corner)
-            if preview is not None and kind.signed_preview:
-                write_signed_preview(preview, planes[0])
-            elif preview is not None:
-                write_preview(preview, Stack(planes))
+        warnings = [warning for kind in outputs.rows for warning in _write_kind(rendering, kind)]
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
-        warnings += color.left_out
+        warnings += rendering.color.left_out
     return replace(outcome, warnings=(*outcome.warnings, *warnings))
+
+
+def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
+    """Write the file of a kind, and its preview if there is to be one; the warnings."""
+    from defocus_cli.formats.encode import write_image, write_map
+    from defocus_cli.rendering.preview import write_preview, write_signed_preview
+
+    color, job, warnings = rendering.color, rendering.outcome.job, []
+    path, preview = job.paths[kind.name], job.previews.get(kind.name)
+    of_radius = (_OfRadius(rendering.radius, kind),)
+    planes = rendering.images[kind.name] if kind.rendered else of_radius
+    attributes = _attributes(rendering.outcome, kind)
+    if kind.image:
+        lost = write_image(
+            path,
+            Stack(planes),
+            color.channels,
+            exr_type=job.outputs.exr_type,
+            bits=16 if job.outputs.format == "png16" else 8,
+            attributes={**color.attributes, **attributes},
+            extras=color.extras,
+            corner=color.corner,
+            clamped=rendering.clamped.get(kind.name, 0),
+        )
+        warnings = [f"{kind.name}: {warning}" for warning in lost]
+    else:
+        write_map(path, planes[0], kind.name, attributes=attributes, corner=color.corner)
+    if preview is not None and kind.signed_preview:
+        write_signed_preview(preview, planes[0])
+    elif preview is not None:
+        write_preview(preview, Stack(planes))
+    return warnings
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:

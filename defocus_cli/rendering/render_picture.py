@@ -39,33 +39,11 @@ def rendered(
     """
     import torch
 
-    from defocus_cli.rendering.memory_fit import regions_at_once
-
-    job, device = outcome.job, outcome.device
     set_to_render()
-    images = _Images(job, loaded)
+    images = _Images(outcome.job, loaded)
     wall, cpu = time.perf_counter(), time.process_time()
-    at_once = None
-    while True:
-        images.clamped.clear()
-        try:
-            stream = stream_of(loaded, radius, outcome)
-            if at_once is None:
-                at_once, _ = regions_at_once(job, stream, loaded.holding, device)
-                if at_once < job.machine.threads:  # memory is short
-                    memory.keep_freed(False)
-                    memory.trim()
-            for part in stream.regions(at_once, progress):
-                images.place(part)
-            break
-        except torch.OutOfMemoryError:  # other programs share the GPU: once more, one by one
-            torch.cuda.empty_cache()
-            if at_once == 1:
-                problem = "does not fit into the memory of the GPU"
-                remedy = "use --device cpu, or a smaller --tile"
-                raise TooLarge(job.picture.color, problem, remedy) from None
-            at_once = 1
-    if device == "cuda":
+    stream = _fill(images, loaded, radius, outcome, progress)
+    if outcome.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
@@ -77,6 +55,36 @@ def rendered(
         stats={**stream.stats, **scratch},
     )
     return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
+
+
+def _fill(
+    images: _Images, loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None
+) -> Stream:
+    """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
+    import torch
+
+    from defocus_cli.rendering.memory_fit import regions_at_once
+
+    job, at_once = outcome.job, None
+    while True:
+        images.clamped.clear()
+        try:
+            stream = stream_of(loaded, radius, outcome)
+            if at_once is None:
+                at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
+                if at_once < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
+            for part in stream.regions(at_once, progress):
+                images.place(part)
+            return stream
+        except torch.OutOfMemoryError:  # other programs use the GPU, too
+            torch.cuda.empty_cache()
+            if at_once == 1:
+                problem = "does not fit into the memory of the GPU"
+                remedy = "use --device cpu, or a smaller --tile"
+                raise TooLarge(job.picture.color, problem, remedy) from None
+            at_once = 1
 
 
 def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
