@@ -1,4 +1,4 @@
-"""Whether rendering got slower since a stored run of ``defocus bench --time --json > FILE``.
+"""Comparison with a stored run of ``defocus bench --time --json > FILE``, to find slower cases.
 
 What is compared is the cost in transforms measured beside each rendering, not in seconds: the
 stored run may be of another machine, or of this one when it was busy.
@@ -26,10 +26,10 @@ class Baseline:
     """A stored run.
 
     Attributes:
-        path: of the file.
-        threads: it was measured with.
-        device: it was measured on.
-        fft_units: of each case by name.
+        path: its file.
+        threads: number of threads that it was measured with.
+        device: device that it was measured on.
+        fft_units: cost of each case, by name.
     """
 
     path: Path

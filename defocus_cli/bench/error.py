@@ -27,11 +27,11 @@ class Row:
     """One shot by one method.
 
     Attributes:
-        scene: name.
-        shot: name.
-        method: a quality or a baseline.
-        errors: against the truth.
-        cost: of the rendering alone.
+        scene: name of the scene.
+        shot: name of the shot.
+        method: a quality or a baseline method.
+        errors: errors against the truth.
+        cost: cost of the rendering alone.
     """
 
     scene: str

@@ -67,7 +67,7 @@ def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """What the standard quality loses on a shot to each baseline in `rows`; none for others."""
+    """Losses of a row of the standard quality to each baseline in `rows`; none for other rows."""
     if row.method != JUDGED:
         return []
     lost_to = []

@@ -1,12 +1,12 @@
 """Seconds, Fourier transforms and memory that a rendering costs, and the scenes to time.
 
-The unit of cost is one transform of the frame there and back, RGBA float32. It is measured before
-and after each rendering: what slows the machine meanwhile slows both, and their ratio says what the
-renderer itself costs.
+The unit of cost is one Fourier transform of the frame and its inverse, RGBA float32. It is measured
+before and after each rendering: a busy machine slows both, so that their ratio is the cost of the
+renderer itself.
 
-The unit is of one thread, however many render: two threads that share it take from half as long to
-longer, as their memory is at hand or not. The unit is of memory that the system hands out anew each
-time, as in a new process: memory that happens to be at hand halves the time of a transform.
+The unit is measured on one thread, however many render: the time of two threads depends too much on
+where their memory lies. Each measurement takes fresh memory from the system, as a new process does,
+because memory in use before would halve the time of a transform.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class Cost:
-    """What a rendering cost.
+    """Cost of a rendering.
 
     Attributes:
         seconds: median of the repetitions.
         fft_units: median of the ratios to the unit measured beside each repetition.
-        peak_mb: most memory that the process held meanwhile, MB; None where no system tells.
+        peak_mb: peak memory of the process meanwhile, MB; None if the system does not report it.
     """
 
     seconds: float
@@ -51,13 +51,13 @@ class Cost:
 
 @dataclass(frozen=True)
 class Case:
-    """What is timed.
+    """A synthetic scene to time, at one size, radius and quality.
 
     Attributes:
-        kind: of scene.
+        kind: kind of scene.
         size: (width, height) in px.
         radius: greatest |r| in px; 0 where all is in focus.
-        quality: of the renderer.
+        quality: quality of the renderer.
     """
 
     kind: str
@@ -181,7 +181,7 @@ class FftUnit:
 
 
 def _timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
-    """What some work gives, and the seconds that it takes."""
+    """The result of some work, and the seconds that it takes."""
     import torch
 
     start = time.perf_counter()

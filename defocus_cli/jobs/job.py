@@ -95,7 +95,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What to write, and where."""
+    """The outputs of a job, and where to write them."""
 
     root: Path
     kinds: tuple[str, ...] = ("render",)
@@ -205,7 +205,7 @@ def lens_words(lens: Lens) -> str:
 
 
 def lens_record_words(lens: Mapping[str, Any]) -> str:
-    """The same of a lens in plain numbers."""
+    """A record of a lens in words."""
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
     if "focus_percentile" in lens:
         focus = f"at {Percentile(lens['focus_percentile'])}"

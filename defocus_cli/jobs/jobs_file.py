@@ -40,8 +40,8 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
 
     Args:
         path: the jobs file.
-        outputs: where to write; what to write, unless ``[outputs]`` says otherwise.
-        machine: who computes; ``[machine]`` says the quality and whether depth is repaired.
+        outputs: directory to write to, and defaults for ``[outputs]``.
+        machine: device, threads and memory, and defaults for ``[machine]``.
 
     Raises:
         InputError: a file cannot be read or is missing, or files do not pair up.

@@ -8,8 +8,8 @@ lens file holds nothing else::
     focus = "2m"
     blades = 6
 
-Where a function takes the ``source`` of options, it is how errors begin that name one of them: two
-dashes for the command line, else the file or table, with a colon and a blank.
+The ``source`` of options is how errors about one of them begin: two dashes for the command line,
+else the file or table, with a colon and a blank.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def checked(name: str, value: object, where: str) -> str:
     """The text of an option, once it is known to make sense.
 
     Raises:
-        UsageProblem: it makes none; ``where`` is named.
+        UsageProblem: it makes no sense; the error begins with ``where``.
     """
     text = text_of(value)
     read_at(where, parsed, name, text)
@@ -65,7 +65,7 @@ def checked(name: str, value: object, where: str) -> str:
 
 
 def tag(name: str, value: Any) -> str:
-    """What a file name says of an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
+    """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
     if isinstance(value, quantities.Percentile):
         text = f"p{value.percent:.6g}"
     elif isinstance(value, tuple):
@@ -115,7 +115,7 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
 
     Args:
         values: the options.
-        source: of the option that says where its focus is.
+        source: how errors about the focus begin.
     """
     foclen, focus = values["focal-length"], values.get("focus")
     fnum = values["fnumber"] if "fnumber" in values else foclen / values["aperture-diameter"]

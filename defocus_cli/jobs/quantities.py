@@ -47,7 +47,7 @@ class Percentile:
 
 
 def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
-    """What a parser makes of a text.
+    """The value that a parser reads from a text.
 
     Raises:
         UsageProblem: the text makes no sense; the error names ``where`` it stands.

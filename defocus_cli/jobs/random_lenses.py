@@ -33,9 +33,9 @@ def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
     """The lens of a draw.
 
     Args:
-        draw: which of the random lenses.
-        source: of the option that says where its focus is, for errors.
-        max_coc: px of CoC radius that it must not exceed in its picture.
+        draw: its seed, picture, number and options.
+        source: how errors about the focus begin.
+        max_coc: largest CoC radius in px that it may have in its picture.
     """
     from defocus_core import drawn
 
@@ -56,7 +56,7 @@ class Sampling:
 
 
 def read_sampling(table: Table) -> Sampling:
-    """What ``[sample]`` asks for; a count of 0 if there is no such table.
+    """The sampling of ``[sample]``; a count of 0 if there is no such table.
 
     Raises:
         UsageProblem: a key is unknown or missing, or a distribution makes no sense.
@@ -82,7 +82,7 @@ def read_sampling(table: Table) -> Sampling:
 
 @lru_cache(maxsize=4096)
 def distribution(name: str, text: str) -> Distribution | None:
-    """What the option ``name`` is drawn from; None if the text is a plain value.
+    """The distribution that an option is drawn from; None if the text is a plain value.
 
     Raises:
         QuantityError: the text makes no sense.

@@ -20,8 +20,8 @@ def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
 
     Args:
         file: the file.
-        what: what the file should be, like ``lens file``.
-        remedy: what to give instead of a file that is none.
+        what: the kind of file, like ``lens file``, for errors.
+        remedy: the remedy if the file is of another kind.
 
     Raises:
         InputError: the file cannot be read as TOML.
@@ -94,14 +94,14 @@ class Table:
 def refuse_unknown(
     keys: Iterable[str], known: Sequence[str], where: str | Path, owner: str, what: str = "key"
 ) -> None:
-    """Refuse keys, or other things of a file, that are not known.
+    """Refuse keys, or table names, of a file that are not known.
 
     Args:
         keys: the keys.
-        known: those that there may be.
+        known: the keys that are allowed.
         where: the place, for errors.
-        owner: who knows them, like ``a lens file``.
-        what: what they are.
+        owner: the file or table that knows them, like ``a lens file``.
+        what: the noun for one of them.
 
     Raises:
         UsageProblem: naming the key, and the known one that it resembles.

@@ -22,7 +22,7 @@ def matching(folder: Path, pattern: str | Path) -> Iterator[tuple[str, Path]]:
     """Name and path of each file or folder that a pattern matches; hidden ones are left out.
 
     Args:
-        folder: what the pattern is relative to.
+        folder: the folder that the pattern starts from.
         pattern: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
 
     Raises:

@@ -32,7 +32,7 @@ class Forecast:
     """Work, time and memory of one job.
 
     Attributes:
-        outcome: what is known of the job before it is rendered.
+        outcome: the outcome as far as it is known before rendering.
         read_seconds: time to decode the inputs, measured.
         cost: the work; None if only maps are written, which needs no rendering.
         seconds: time to render, right within a factor of two.

@@ -122,7 +122,7 @@ def choose_device(name: str) -> str:
 
 
 def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
-    """Which part ``--part`` means in the colour and the depth file; None where there is but one.
+    """The part to read in the colour and in the depth file; None where there is only one.
 
     Raises:
         InputError: neither file has such a part.
@@ -144,8 +144,8 @@ def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tu
 
     Args:
         picture: where they are.
-        reading: what to take from the files.
-        keeping: where they are to be kept.
+        reading: options that say how to read them.
+        keeping: whether they go to memory or to scratch files.
 
     Raises:
         InputError: a file cannot be used.

@@ -1,4 +1,4 @@
-"""What the steps of a job hand over: decoded inputs, computed images and maps, the outcome."""
+"""Records between the steps of a job: decoded inputs, computed images and maps, the outcome."""
 
 from __future__ import annotations
 

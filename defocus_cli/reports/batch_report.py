@@ -97,7 +97,7 @@ def bar(unit: str, total: int | None = None) -> tqdm[Any]:
 
 @contextmanager
 def tile_bar() -> Iterator[Callable[[int, int], None]]:
-    """Call what this gives with (tiles done, tiles in all) of a lone picture."""
+    """A function that shows (tiles done, tiles in all) of a lone picture on a bar."""
     with bar("tile") as tiles:
 
         def count(done: int, total: int) -> None:
@@ -109,7 +109,7 @@ def tile_bar() -> Iterator[Callable[[int, int], None]]:
 
 
 def summary_line(summary: Summary) -> str:
-    """What came of a batch, in words."""
+    """Counts, reasons and speed of a batch that ended, in words."""
     counts = Counter(summary.statuses)
     parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
     if summary.skipped:
@@ -128,12 +128,12 @@ def summary_line(summary: Summary) -> str:
 
 
 def reasons_words(reasons: Mapping[str, int]) -> str:
-    """How often which reason, in words."""
+    """Reasons of failures with their counts, in words."""
     return ", ".join(f"{reason} {count}" for reason, count in sorted(reasons.items()))
 
 
 def summary_record(summary: Summary) -> dict[str, Any]:
-    """What came of a batch, in plain values."""
+    """Counts, reasons and time of a batch that ended, for JSON."""
     return {
         "jobs": summary.jobs,
         "done_before": summary.skipped,
@@ -147,7 +147,7 @@ def summary_record(summary: Summary) -> dict[str, Any]:
 
 
 def progress_lines(out: Path, state: Progress, failures: int) -> Iterator[str]:
-    """How far a batch has come, in words."""
+    """Progress of a batch, in words."""
     counts = [f"{state.statuses[s]} {word}" for s, word in _WORDS.items() if state.statuses[s]]
     left = f", {state.left} left" if state.left else ""
     again = f", {state.again} of them to be done again" if state.again else ""
@@ -171,7 +171,7 @@ def progress_lines(out: Path, state: Progress, failures: int) -> Iterator[str]:
 
 
 def progress_record(state: Progress, failures: int) -> dict[str, Any]:
-    """The same in plain values."""
+    """Progress of a batch, for JSON."""
     keys = ("sample_id", "status", "reason", "message")
     shown = state.failures[-failures:] if failures else []
     return {

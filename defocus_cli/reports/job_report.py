@@ -27,7 +27,7 @@ _LINES = (
 
 
 def plan_record(job: Job) -> dict[str, Any]:
-    """What a job would read and write."""
+    """Inputs, lens and outputs of a job, for JSON."""
     return {
         "stem": job.sample_id,
         **{role: str(path) for role, path in job.picture.files.items()},
@@ -38,7 +38,7 @@ def plan_record(job: Job) -> dict[str, Any]:
 
 
 def plan_line(job: Job) -> str:
-    """What a job would read and write, in words."""
+    """Inputs, lens and outputs of a job, in words."""
     inputs = dict.fromkeys(map(str, job.picture.files.values()))
     return (
         f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
@@ -49,12 +49,12 @@ def plan_line(job: Job) -> str:
 def outcome_record(
     job: Job, record: Mapping[str, Any], result: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What a job read, did and wrote.
+    """Inputs, lens, outputs, time and warnings of a job that ended, for JSON.
 
     Args:
         job: the job.
-        record: what the journal says of it.
-        result: what became of it now; empty if it was done before.
+        record: its record of the journal.
+        result: its result now; empty if it was done before.
     """
     seconds = record["seconds"]
     return {
@@ -85,7 +85,7 @@ def outcome_lines(
     verbose: bool,
     stats: bool = False,
 ) -> Iterator[str]:
-    """What a job did, in words: one line, one for each warning, and more if ``verbose``.
+    """A job that ended, in words: one line, one for each warning, and more if ``verbose``.
 
     What was computed and what was skipped is a table if ``stats``, a line if ``verbose`` alone.
     """
@@ -133,7 +133,7 @@ def _stats_lines(stats: Mapping[str, float]) -> Iterator[str]:
 
 
 def done_before_line(job: Job) -> str:
-    """That a job was done before, in words."""
+    """A job that was done before, in words."""
     return f"{job.sample_id}: done before -> {_written_words(job)}"
 
 

@@ -35,7 +35,7 @@ def plain_sum(
         image: [C, H, W], linear light.
         signed_radius: [H, W] px, negative nearer than focus.
         aperture: The pupil, a round one by default.
-        quality: Whose ladder of slices to use.
+        quality: The quality whose ladder of slices to use.
         threads: Channels transformed at once.
 
     Returns:

@@ -35,7 +35,7 @@ class Check:
 
     Attributes:
         law: Its name.
-        measured: What was measured.
+        measured: The measurement, in words.
         unit: Unit of the value and the bound.
         value: The worst value measured; None if there was nothing to measure it on.
         bound: The largest value that the law allows.

@@ -133,7 +133,7 @@ def percentile(values: Tensor, percent: float) -> float:
 
 
 def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
-    """Which pixels [H, W] lie within a distance in px of a depth edge.
+    """Mask [H, W] of the pixels within a distance in px of a depth edge.
 
     Both pixels beside an edge belong to it: neighbours in a row or a column whose signed radii
     differ by more than 1 px.

@@ -35,8 +35,8 @@ def scenery(kind: str, height: int, width: int, radius: float) -> Scenery:
 
     Args:
         kind: One of `KINDS`.
-        height: Of the frame in px.
-        width: Of the frame in px.
+        height: Height of the frame in px.
+        width: Width of the frame in px.
         radius: The greatest |r| in px; a frame all in focus has none.
 
     Raises:
