@@ -9,8 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job
-from defocus_cli.rendering.memory_budget import base_mb
-from defocus_cli.rendering.memory_fit import regions_at_once
+from defocus_cli.rendering.memory_budget import base_mb, regions_at_once
 from defocus_cli.rendering.outcome import Outcome, repair_words
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import duration

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
-from defocus_cli.rendering.memory_budget import image_type
+from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands
@@ -63,8 +63,6 @@ def _fill(
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
 
-    from defocus_cli.rendering.memory_fit import regions_at_once
-
     job, at_once = outcome.job, None
     while True:
         images.clamped.clear()
@@ -95,7 +93,6 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
     """
-    from defocus_cli.rendering.memory_fit import holds_cells, room_on
     from defocus_core import Aperture, Stream
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
