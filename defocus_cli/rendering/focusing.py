@@ -128,7 +128,7 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
     sensor = (lens.sensor_width, lens.sensor_width * height / width)
     try:
         thin_lens = DefocusLens(
-            lens.foclen, lens.fnum, sensor, (width, height), dtype=torch.float64
+            lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64
         )
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
     except ValueError as error:
