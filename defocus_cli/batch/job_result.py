@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.jobs.job import Job, lens_record
 from defocus_cli.journal import identity
 from defocus_cli.journal.reasons import Step, verdict
-from defocus_cli.rendering import job_steps
+from defocus_cli.rendering import delivery, job_steps
 
 if TYPE_CHECKING:
-    from defocus_cli.rendering.outcome import Loaded, Made
+    from defocus_cli.rendering.outcome import Loaded, Rendering
 
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
@@ -47,7 +47,7 @@ class Computed:
     """A job that is computed."""
 
     ready: Ready
-    made: Made
+    made: Rendering
     seconds: float
 
 
@@ -93,7 +93,7 @@ def write(computed: Computed) -> Result:
     start = time.perf_counter()
     job, inputs = computed.ready.job, computed.ready.inputs
     try:
-        outcome = job_steps.write(computed.made)
+        outcome = delivery.write(computed.made)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path)}
             for name, path in job.names.items()
@@ -110,7 +110,7 @@ def write(computed: Computed) -> Result:
         "size": list(outcome.size),
         "coc_px": list(outcome.coc_px),
         "color_note": outcome.color_note,
-        "depth_note": outcome.depth_told(),
+        "depth_note": outcome.depth_words(),
         "device": outcome.device,
         "quality": outcome.quality,
         "warnings": list(outcome.warnings),

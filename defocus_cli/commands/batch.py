@@ -100,7 +100,7 @@ def command(
     )
     if dry_run:
         plan = make_plan(jobs, out, execution)
-        dry_runs.tell_batch(plan, crew.count, as_json=as_json, verbose=verbose)
+        dry_runs.report_batch(plan, crew.count, as_json=as_json, verbose=verbose)
         return
     asked = {job.sample_id for job in jobs}
     carry_out(jobs, out, execution, shards_size, asked, as_json=as_json, verbose=verbose)
@@ -121,9 +121,9 @@ def carry_out(
     Raises:
         ClickException: not all could be done.
     """
-    told = batch_report.Told(each=verbose, verbose=verbose)
-    with told.bar("job"):
-        summary = run.carry_out(jobs, out, execution, told)
+    report = batch_report.BatchReport(each=verbose, verbose=verbose)
+    with report.bar("job"):
+        summary = run.carry_out(jobs, out, execution, report)
     written = []
     if execution.shard is None and not summary.interrupted:
         written = update.index(out, shards_size, asked)

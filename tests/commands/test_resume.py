@@ -25,7 +25,8 @@ from command_line import (
 )
 
 from defocus_cli.batch import pipeline
-from defocus_cli.rendering import job_steps
+from defocus_cli.rendering import delivery, job_steps
+from defocus_cli.rendering.outcome import Outcome, Rendering
 
 __all__ = ["folders", "in_process"]
 Computed = list[str]
@@ -273,14 +274,14 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
 def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
     folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = job_steps.write
+    write = delivery.write
 
-    def leaving(made: job_steps.Made) -> job_steps.Outcome:
+    def leaving(made: Rendering) -> Outcome:
         done = write(made)
         (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
         return done
 
-    monkeypatch.setattr(job_steps, "write", leaving)
+    monkeypatch.setattr(delivery, "write", leaving)
     assert again(folders, out).code == 0
     assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
 

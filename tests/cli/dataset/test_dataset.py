@@ -24,7 +24,7 @@ DRAFT = '[machine]\nquality = "draft"\n'
 def carried_out(folder: Path, text: str) -> tuple[run.Summary, list[Record]]:
     todo, out = jobs(folder, text + DRAFT, inputs=INPUTS), folder / "out"
     execution = run.Execution(pipeline.execute)
-    summary = run.carry_out(todo, out, execution, batch_report.Told(each=False))
+    summary = run.carry_out(todo, out, execution, batch_report.BatchReport(each=False))
     return summary, Ledger(out, read_all(out)).live
 
 
