@@ -25,22 +25,19 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.layers.ladder import position
 from defocus_core.layers.sliced_surface import Samples
 
-# At half of the resolution edges are soft: what is left is filled by up to this times its coverage.
-_FILLS = 2.0
-
 
 class Hidden:
     """What each group of m parts sees of a hidden surface over a tile."""
 
     def __init__(
-        self, octaves: list[dict[int, Tensor]], enlarged: Callable[[Tensor, float], Tensor]
+        self, octaves: list[dict[int, Tensor]], enlarged: Callable[[Tensor], Tensor]
     ) -> None:
         """Keep what may be asked for.
 
         Args:
             octaves: Of each group by octaves of blur [m, C + 1, h, w], which add up on each side
                 of focus; sides occlude each other.
-            enlarged: Makes px of that, so many times as bright.
+            enlarged: Makes px of that.
         """
         self._octaves = octaves
         self._enlarged = enlarged
@@ -48,14 +45,14 @@ class Hidden:
     def of(self, octave: int) -> list[Tensor | None]:
         """What is of an octave, alone: [m, C + 1, h, w]; None if there is nothing."""
         found = (some.get(octave) for some in self._octaves)
-        return [None if some is None else self._enlarged(some, 1.0) for some in found]
+        return [None if some is None else self._enlarged(some) for some in found]
 
     def whole(self) -> list[Tensor | None]:
         """Everything, as it occludes itself."""
         found: list[Tensor | None] = []
         for some in self._octaves:
             sides = [side for side in (_side(some, s) for s in (-1, 0, 1)) if side is not None]
-            found.append(self._enlarged(_occluding(sides), _FILLS) if sides else None)
+            found.append(self._enlarged(_occluding(sides)) if sides else None)
         return found
 
 
@@ -121,11 +118,11 @@ class Filling:
             self._of_octaves(layers, size) for layers in self._blur.over_tile(self._sliced, index)
         ]
 
-        def enlarged(cells_seen: Tensor, times: float) -> Tensor:
+        def enlarged(cells_seen: Tensor) -> Tensor:
             if not self.halvings:
                 return cells_seen
             rows, columns = (self._between(d, tile, cells, cells_seen) for d in (0, 1))
-            return resampled(cells_seen, rows.scaled(times), columns)
+            return resampled(cells_seen, rows, columns)
 
         return Hidden(octaves, enlarged)
 

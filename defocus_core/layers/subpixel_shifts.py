@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.images.box import Box
 from defocus_core.layers.ladder import SHARP, SOFT
@@ -23,7 +24,7 @@ from defocus_core.optics.pupil_moments import centroid, first_moments
 # Radii in px of slices whose shifts are made up for; beyond, what is missing is less than 0.03 px.
 NEAR = 2.0
 # Px around a pixel that decide the gradient of its colours.
-AROUND = 2
+AROUND = 1
 # Centroids less far than this above or below the middle of the lens are level with it.
 _LEVEL = 1e-6
 # Neighbours whose radii differ by less, in px, are of the same surface.
@@ -103,27 +104,12 @@ class Shifts:
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
-    """The derivative [C, H, W] within each surface: of fourth order, of first at its ends."""
-    steps, same = _steps(color, signed_radius, dim)
-    (a, b, c, d), (p, q, r, t) = steps, same
-    plain = (b + c) / (q.to(color) + r).clamp(min=1)
-    return torch.where(p & q & r & t, (7 * (b + c) - a - d) / 12, plain)
+    """The derivative [C, H, W] within each surface: the mean of the steps on both sides of a pixel.
 
-
-def _steps(
-    color: Tensor, signed_radius: Tensor, dim: int
-) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
-    """Two steps of colour [C, H, W] before each pixel and two after, and which are of one surface.
-
-    Between two surfaces there is none.
+    A step to another surface does not count.
     """
-    n = signed_radius.shape[dim]
-    same = signed_radius.detach().diff(dim=dim).abs() < _SAME
-    step = color.diff(dim=dim) * same
-    none, nowhere = (torch.zeros_like(x.narrow(dim, 0, 1)) for x in (color, signed_radius))
-    nowhere = nowhere.bool()
-    steps = torch.cat([none, none, step, none, none], dim)
-    some = torch.cat([nowhere, nowhere, same, nowhere, nowhere], dim)
-    return tuple(steps.narrow(dim, i, n) for i in range(4)), tuple(
-        some.narrow(dim, i, n) for i in range(4)
-    )
+    n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
+    same = (signed_radius.detach().diff(dim=dim).abs() < _SAME).to(color)
+    steps, counts = (pad(x, around) for x in (color.diff(dim=dim) * same, same))
+    total, count = (x.narrow(dim, 0, n) + x.narrow(dim, 1, n) for x in (steps, counts))
+    return total / count.clamp(min=1)
