@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.images.box import Box, Span
 from defocus_core.images.tiling import BLOCK
@@ -81,23 +80,13 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
 
 def block_ends(values: Tensor, side: int = BLOCK) -> tuple[Tensor, Tensor]:
     """The least and the greatest value of each square block of [..., H, W]."""
-    least, most = values, values
-    for dim in (-2, -1):
-        least, most = _reduced(least, side, dim, torch.amin), _reduced(most, side, dim, torch.amax)
-    return least, most
-
-
-def _reduced(values: Tensor, side: int, dim: int, reduce: Callable[..., Tensor]) -> Tensor:
-    """Reduce each `side` values along an axis to one; the last group may hold fewer values."""
-    n = values.shape[dim]
-    whole = n - n % side
-    blocks = torch.unflatten(values.narrow(dim, 0, whole), dim, (n // side, side))
-    reduced = reduce(blocks, dim)
-    if whole == n:
-        return reduced
-    return torch.cat(
-        [reduced, reduce(values.narrow(dim, whole, n - whole), dim, keepdim=True)], dim
+    rest = (0, -values.shape[-1] % side, 0, -values.shape[-2] % side)
+    padded = pad(values[None], rest, mode="replicate")[0]
+    rows = torch.unflatten(padded, -2, (-1, side))
+    least, most = (
+        torch.unflatten(end(rows, -2), -1, (-1, side)) for end in (torch.amin, torch.amax)
     )
+    return least.amin(-1), most.amax(-1)
 
 
 def of_blocks(values: Tensor, row: Tensor, column: Tensor, side: int) -> Tensor:
