@@ -86,18 +86,14 @@ class Surface:
             covered = samples.coverage.detach()[0].bool()
             exists = None if bool(covered.all()) else covered
         blocks = blocks_of(samples.places, count, exists)
-        extra = None
         if len(samples.at):
-            extra = blocks_at(samples.extra_places, samples.at, count, (H, W))
-            blocks |= extra
+            blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._blocks = blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._lean, self._planes = samples.slopes, None
         if samples.slopes is not None:
-            planes = Planes(
-                samples.slopes.detach(), samples.places.detach(), self._blocks, level=extra
-            )
+            planes = Planes(samples.slopes.detach(), self._blocks)
             tilted = blocks & planes.tilted.to(blocks.device)
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             if not samples.slopes.requires_grad:
