@@ -44,17 +44,14 @@ class Planes:
             numbers: Numbers of slices that have pixels in the rectangle.
             box: The rectangle.
         """
-        if any(self._everywhere[number] is None for number in numbers):
-            top, left = max(box.top // BLOCK, 0), max(box.left // BLOCK, 0)
-            below, beside = -(-(box.top + box.height) // BLOCK), -(-(box.left + box.width) // BLOCK)
-            rows, columns = slice(top, below), slice(left, beside)
-            local = self._common(numbers, rows, columns)
-        else:
-            local = [None] * len(numbers)
-        return [
-            self._everywhere[number] or local_slope
-            for number, local_slope in zip(numbers, local, strict=True)
-        ]
+        everywhere = [self._everywhere[number] for number in numbers]
+        if None not in everywhere:
+            return everywhere
+        rows, columns = (
+            slice(max(side.first // BLOCK, 0), -(-side.end // BLOCK)) for side in box.sides
+        )
+        local = self._common(numbers, rows, columns)
+        return [common or own for common, own in zip(everywhere, local, strict=True)]
 
     def _common(
         self, numbers: list[int], rows: slice, columns: slice
