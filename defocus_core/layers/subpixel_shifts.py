@@ -1,10 +1,10 @@
 """Sub-pixel shifts: how parts of the aperture see what is near focus.
 
 A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
-of this: kernels sampled by area know no shift within a pixel, and shares in two slices keep the
-second moment of a blur, not its first. What is missing is made up for by the gradient of the
-surface's own colours (Taylor). It changes no coverage, and only the pair: the centroids of the
-parts add up to nothing.
+a part of this shift: kernels sampled by area have no shift within a pixel, and shares in two slices
+keep the second moment of a blur, not its first. The gradient of the surface's own colours adds the
+lost part (Taylor). Coverage does not change, and neither does the centre image: the centroids of
+the parts sum to zero.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from defocus_core.layers.ladder import SHARP, SOFT
 from defocus_core.optics.aperture import LEFT, Aperture, Part
 from defocus_core.optics.pupil_moments import centroid, first_moments
 
-# Radii in px of slices whose shifts are made up for; beyond, what is missing is less than 0.03 px.
+# Radius in px of slices up to which lost shifts are added; beyond, less than 0.03 px is lost.
 NEAR = 2.0
 # Px around a pixel that decide the gradient of its colours.
 AROUND = 1
@@ -39,7 +39,7 @@ def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[float, ...]
 
 
 class Shifts:
-    """What parts of the aperture add to the colours of a surface near focus."""
+    """The changes of a surface's colours near focus, for parts of the aperture."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Shifts:
         self._color, self._radius, self._places = color, signed_radius, places
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
         self._apparent = places.new_tensor(_apparent(radii, aperture))
-        # up to there pixels have shares in slices near focus
+        # pixels of lesser radii have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [centroid(aperture, part) for part in parts]
         # x, and y where it makes a difference
@@ -73,10 +73,10 @@ class Shifts:
         self._centroids = places.new_tensor(centroids)[:, :dims]
 
     def over(self, box: Box) -> Tensor | None:
-        """For a slice that has all of a surface within a rectangle: [M, C, h, w].
+        """The change of the colours of a surface within a rectangle: [M, C, h, w].
 
-        None if nothing there is near focus; it is not asked off the CPU, where the answer would
-        be waited for.
+        None if nothing in the rectangle is near focus. On a GPU this is not checked, for the check
+        would wait for the device.
         """
         around = box.grown(AROUND, self._whole)
         inner, around = box.seen_from(around), around.seen_from(self._whole)
@@ -87,16 +87,16 @@ class Shifts:
             return None
         lower = places.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
         share, number = places - lower, lower.long().flatten()
-        here, other = (
+        first, second = (
             self._apparent.index_select(0, (number + i).clamp(max=len(self._apparent) - 1))
             for i in (0, 1)
         )
-        found = torch.lerp(here, other, share.flatten()).reshape(r.shape)
+        apparent = torch.lerp(first, second, share.flatten()).reshape(r.shape)
         # as positions do, it begins between SHARP and SOFT
         begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]
         slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
-        changes = slopes * (found - begun * r)
+        changes = slopes * (apparent - begun * r)
         moved: Tensor = self._centroids[:, 0, None, None, None] * changes[0]
         for mean, change in zip(self._centroids.unbind(1)[1:], changes[1:], strict=True):
             moved = moved.addcmul(mean[:, None, None, None], change)
