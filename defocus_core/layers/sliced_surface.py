@@ -14,7 +14,7 @@ from defocus_core.images.pyramid import Axis, averaged
 from defocus_core.images.tiling import BLOCK, Grid
 from defocus_core.layers.block_index import blocks_at, blocks_of, visible_slices
 from defocus_core.layers.extents import Patch, patches
-from defocus_core.layers.fringe_samples import Points
+from defocus_core.layers.fringe_samples import FringeSamples
 from defocus_core.layers.ladder import membership
 from defocus_core.layers.planar_slices import Planes
 from defocus_core.layers.subpixel_shifts import Shifts
@@ -105,9 +105,9 @@ class Surface:
             self._layer = self._framed([color * self._coverage, self._coverage])
         self._places, self._shifts = self._framed([samples.places[None]])[0], samples.shifts
         self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
-        self._extra = None
+        self._fringe = None
         if len(samples.at):
-            self._extra = Points(samples.at, samples.extra, samples.extra_places, layers, H)
+            self._fringe = FringeSamples(samples.at, samples.extra, samples.extra_places, layers, H)
 
     @cached_property
     def _slopes(self) -> Tensor | None:
@@ -145,17 +145,17 @@ class Surface:
             lit: The rectangle of the window that is not zero. It begins at the first row and column
                 of the layer or of the window; samples after its end are set to 0.
         """
-        here = window.seen_from(self._framed_box)
-        shares = membership(here.of(self._places), self._ladder[rungs.start : rungs.stop])
+        places, layer = (self._unframed(window, x) for x in (self._places, self._layer))
+        shares = membership(places, self._ladder[rungs.start : rungs.stop])
         ends = lit.seen_from(window).sides
         below, beside = window.height - ends[0].end, window.width - ends[1].end
         if below > 0:
             shares[:, -below:] = 0
         if beside > 0:
             shares[..., -beside:] = 0
-        slices = here.of(self._layer)[:, None] * shares
-        if self._extra:
-            self._extra.add(slices, self._layers[rungs.start], rungs.start, window, lit)
+        slices = layer[:, None] * shares
+        if self._fringe:
+            self._fringe.add(slices, self._layers[rungs.start], rungs.start, window, lit)
         return slices
 
     def shares(self, rungs: range, box: Box) -> Tensor:
@@ -236,9 +236,9 @@ class Surface:
             overlap = mean_box.grown(0, cells)
             if overlap.height > 0 and overlap.width > 0:
                 overlap.seen_from(cells).of(result).add_(overlap.seen_from(mean_box).of(pixels))
-        if self._extra:
+        if self._fringe:
             number = self._layers[rung]
-            self._extra.averaged(result[0], number, rung, 1 << halvings, cells, middle)
+            self._fringe.averaged(result[0], number, rung, 1 << halvings, cells, middle)
         return result
 
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:

@@ -1,4 +1,4 @@
-"""Sub-pixel shifts: how parts of the aperture see what is near focus.
+"""Sub-pixel shifts: how parts of the aperture see surfaces near focus.
 
 A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
 a part of this shift: kernels sampled by area have no shift within a pixel, and shares in two slices
