@@ -29,10 +29,6 @@ class Shares(NamedTuple):
     lead: int
     pixels: int
 
-    def scaled(self, times: float) -> Shares:
-        """Those of cells so many times as bright."""
-        return self._replace(block=self.block * times)
-
 
 def cubic_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
     """The cubic of Keys 1981 with a = -1/2.
