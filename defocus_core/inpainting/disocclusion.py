@@ -41,15 +41,16 @@ _PIXELS = 1 << 20
 
 
 class Revealed(NamedTuple):
-    """What may show behind some cells.
+    """The surface that may show behind each cell.
 
     Attributes:
-        shown: [h, w] px, the radius in front of which it shows; below all radii where nothing does.
-        source: [h, w] px, that of the edge it goes on from.
-        front: [h, w] px, that of the surface before it: the one in front, or what comes next but is
-            left out, being more blurred.
-        ceiling: [h, w] px, from which on a radius belongs to what lies behind that again; infinite
-            where nothing does.
+        shown: [h, w] px, the radius in front of which the surface shows; below all radii where no
+            surface does.
+        source: [h, w] px, the radius of the edge from which the surface is continued.
+        front: [h, w] px, the radius of the surface before it: the visible one, or the surface of
+            the closest edge where that is left out, being more blurred.
+        ceiling: [h, w] px, the radius from which on a surface lies behind the continued one;
+            infinite where the continued one is the farthest.
     """
 
     shown: Tensor
@@ -79,36 +80,36 @@ class Reach(NamedTuple):
     def behind(
         self, near: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
     ) -> Revealed:
-        """What may show behind each cell.
+        """The surface that may show behind each cell.
 
         Args:
             near: [height, width] px, the surface in front.
-            cells: Of the frame at full (0) or half (1) of its resolution, from some corner.
-            middle: Where the middle of the frame is from there.
+            cells: The cells, at full (0) or half (1) of the resolution, in a part of the frame.
+            middle: Where the middle of the frame is in that part.
             halvings: 0 or 1.
         """
-        cone, far = self._told(self.farthest, cells, middle, halvings)
+        cone, far = self._read(self.farthest, cells, middle, halvings)
         # two pixels of neighbouring cells may be a px apart, and not two
         cone = torch.minimum(cone + math.floor(DECAY / self.grain), far)
         shown, source = cone.to(near.dtype) * self.grain, far.to(near.dtype) * self.grain
-        away, radius = self._told(self.closest, cells, middle, halvings)
-        spent, next_one = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
-        comes_next = (next_one - spent > near + STEP) & (source > next_one + STEP)
-        # what is blurred more hardly shows that a part of it is missing
-        sharper = next_one.abs() <= source.abs()
-        front = torch.where(comes_next & ~sharper, next_one, near)
+        away, radius = self._read(self.closest, cells, middle, halvings)
+        spent, closest = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
+        comes_next = (closest - spent > near + STEP) & (source > closest + STEP)
+        # a gap in the more blurred one of two surfaces is hardly seen
+        sharper = closest.abs() <= source.abs()
+        front = torch.where(comes_next & ~sharper, closest, near)
         comes_next = comes_next & sharper
         return Revealed(
-            torch.where(comes_next, next_one - spent, shown),
-            torch.where(comes_next, next_one, source),
+            torch.where(comes_next, closest - spent, shown),
+            torch.where(comes_next, closest, source),
             front,
-            torch.where(comes_next, torch.lerp(next_one, source, _CEILING), torch.inf),
+            torch.where(comes_next, torch.lerp(closest, source, _CEILING), torch.inf),
         )
 
-    def _told(
+    def _read(
         self, edges: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
     ) -> tuple[Tensor, Tensor]:
-        """The upper and the lower bits of some cells."""
+        """The upper and the lower bits of the edges in each cell."""
         cuts = []
         for d, axis in enumerate(middle):
             fine, start, length = self.fine[d].middle, cells[d] - axis.middle, cells[d + 2]
