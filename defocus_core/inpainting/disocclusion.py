@@ -1,10 +1,10 @@
 """Disocclusion: how far the aperture looks behind edges of depth.
 
 The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
-of the near one: the greatest of r_far - |q - far| over all edges says how far anything shows (a
-dilation by a cone). But what shows is what comes next. Behind a wire before a sign this is the
-sign, even where the sky beside the sign would reach; so the closest edge is told, too, and its
-surface is continued if it is the sharper one.
+of the near one. The greatest of r_far - |q - far| over all edges (a dilation by a cone) tells how
+far any surface shows. But the lens sees the next surface first: behind a wire before a sign that is
+the sign, even where the cone of the sky beside the sign is greater. So the closest edge is kept,
+too, and its surface is continued if it is the sharper one.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _LEVELS = 13
 _BITS = 16
 _RADIUS = (1 << _BITS) - 1
 _NOWHERE = -2 << _LEVELS << _BITS
-# Grains by which radii between two of them belong to the greater: depth in half precision has many
-# in the middle.
+# Rounding to grains is shifted by this share of a grain: many radii from half-precision depth lie
+# in the middle between two grains.
 _BETWEEN = 0.013
-# Radii beyond this count as this: no frame is as wide.
+# Greatest radius in px that is told apart; no frame is as wide.
 _MOST = 4096.0
-# Pixels that are dilated at once.
+# Number of cells dilated at once.
 _PIXELS = 1 << 20
 
 
@@ -60,15 +60,13 @@ class Revealed(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Edges of a frame, as its cells of half of the resolution see them.
-
-    Radii are integers, in grains.
+    """The edges of a frame, by cells of half resolution; radii are integers, in grains.
 
     Attributes:
         farthest: [h, w], the greatest cone in the upper bits, and the radius of its edge in the
             lower ones.
         closest: [h, w], minus the px to the closest edge, and its radius likewise.
-        grain: Px.
+        grain: Px of one grain.
         fine: Where the middle of the frame is at full resolution.
     """
 
@@ -128,7 +126,7 @@ class Reach(NamedTuple):
 
 
 def grain_of(least: float, most: float) -> float:
-    """Px that tell radii between two apart."""
+    """The grain in px for radii from `least` to `most` px."""
     largest = min(max(-least, most, 1.0), _MOST)
     return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
 
@@ -138,8 +136,8 @@ def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis,
 
     Args:
         r: [H, W] px.
-        farther: Numbers of these pixels.
-        grain: Px.
+        farther: Numbers of the farther pixels.
+        grain: Px of one grain.
         middle: Of the frame.
     """
     grains = r.flatten()[farther].clamp(-_MOST, _MOST) / grain
