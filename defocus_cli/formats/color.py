@@ -188,9 +188,6 @@ def _extras(
             why = "which is deep" if part.header.deep else "which is of another size"
             left_out.append(f"part {part.header.label}, {why}, left out")
             continue
-        lost = [channel.name for channel in part.header.channels if channel.subsampled]
-        if lost:
-            left_out.append(f"{', '.join(lost)}, subsampled, left out")
         own = part.header.index == chosen.header.index
         for name, plane in part.channels.items():
             if own and name in chosen.channels.values():

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 _AGAIN = "write or copy it again"
 _NO_PIECES = (
     "is too large to be held in --memory, and its pixels cannot be had piece by piece",
-    "allow more --memory, or save it in scan lines, ZIP compressed, without subsampling",
+    "allow more --memory, or save it in scan lines, ZIP compressed",
 )
 _STRIP_BYTES = 1 << 25  # of pixels, decoded or encoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
@@ -57,7 +57,7 @@ class Part:
     Attributes:
         header: the part's header.
         channels: name to native array [H, W] of the display window, in memory or in a scratch
-            file; empty for a deep part. Subsampled channels are left out.
+            file; empty for a deep part.
     """
 
     header: Header
@@ -79,16 +79,16 @@ def read_parts(
         wanted: whether a channel of a part is wanted; the others are left out.
 
     Raises:
-        InputError: the file cannot be read, or not all of it.
+        InputError: the file cannot be read, or not all of it, or it has subsampled channels.
     """
     headers = read_headers(path) if headers is None else headers
-    subsampled = any(channel.subsampled for header in headers for channel in header.channels)
-    if subsampled and keeping.scratch:
-        raise InputError(path, *_NO_PIECES)
-    decode = _whole if subsampled else _pieces
+    subsampled = [c.name for header in headers for c in header.channels if c.subsampled]
+    if subsampled:  # OpenImageIO does not open such a file
+        problem = f"has {', '.join(subsampled)} at a lower resolution than its other channels"
+        raise InputError(path, problem, "save it without subsampling")
     try:
         with quiet(), _unlimited():
-            return tuple(_part(path, header, keeping, wanted, decode) for header in headers)
+            return tuple(_part(path, header, keeping, wanted) for header in headers)
     except InputError:
         raise
     except Exception as error:  # the libraries raise half a dozen types
@@ -96,16 +96,12 @@ def read_parts(
 
 
 def _part(
-    path: Path,
-    header: Header,
-    keeping: Keeping,
-    wanted: Callable[[Header, str], bool],
-    decode: Callable[[Path, Header, Mapping[str, str], Keeping], Pieces],
+    path: Path, header: Header, keeping: Keeping, wanted: Callable[[Header, str], bool]
 ) -> Part:
     types = {
         channel.name: channel.type
         for channel in header.channels
-        if not (header.deep or channel.subsampled) and wanted(header, channel.name)
+        if not header.deep and wanted(header, channel.name)
     }
     size = (header.display.height, header.display.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
@@ -113,7 +109,7 @@ def _part(
         for plane in channels.values():
             plane[:] = 0
     if channels:
-        for window, piece in decode(path, header, types, keeping):
+        for window, piece in _pieces(path, header, types, keeping):
             for name, pixels in piece.items():
                 _put(channels[name], pixels, window, header.display)
     return Part(header, channels)
@@ -188,18 +184,6 @@ def _decoded(
         pixels = pixels.reshape(window.height, window.width, len(names))
         piece |= {name: pixels[:, :, index - min(names)] for index, name in names.items()}
     return piece
-
-
-def _whole(path: Path, header: Header, types: Mapping[str, str], _: Keeping) -> Pieces:
-    """All of a part at once by OpenEXR, of a file with subsampling, which OpenImageIO refuses."""
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        # OpenEXR leaves out a part that it failed to decode, with no more than a print.
-        if len(file.parts) <= header.index or types.keys() - file.parts[header.index].channels:
-            raise _damaged(path, "a part is missing")
-        decoded = file.parts[header.index].channels
-        yield header.data, {name: decoded[name].pixels for name in types}
 
 
 def _put(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:

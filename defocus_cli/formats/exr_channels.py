@@ -157,19 +157,14 @@ def _flat(path: Path, headers: Sequence[Header]) -> list[Header]:
 
 def _color_layers(header: Header) -> Iterable[ColorLayer]:
     layers: dict[str, list[str]] = defaultdict(list)
-    chroma = set()  # layers of luminance and of what is usually subsampled
     for channel in header.channels:
-        prefix, _, base = channel.name.rpartition(".")
-        if base.upper() in {"RY", "BY"}:
-            chroma.add(prefix)
-        if not channel.subsampled:
-            layers[prefix].append(channel.name)
+        layers[channel.name.rpartition(".")[0]].append(channel.name)
     for prefix, names in layers.items():
         bases = {_last(name).upper(): name for name in names}
         bases |= {_last(name): name for name in names}
         if {"R", "G", "B"} <= bases.keys():
             wanted = "RGBA"
-        elif "Y" in bases and "X" not in bases and prefix not in chroma:  # no vector
+        elif "Y" in bases and not bases.keys() & {"X", "RY", "BY"}:  # no vector, no chroma
             wanted = "YA"
         else:
             continue
