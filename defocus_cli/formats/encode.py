@@ -105,22 +105,6 @@ def write_image(
     return warnings
 
 
-def write_map(
-    path: Path,
-    values: Any,
-    channel: str,
-    *,
-    attributes: Mapping[str, object],
-    corner: tuple[int, int] = (0, 0),
-) -> None:
-    """Write a float32 EXR with one channel, values [H, W], the first of them at x, y = ``corner``.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    write_exr(path, {channel: values}, attributes, corner)
-
-
 def display_encoded(
     pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
 ) -> tuple[NDArray[Any], int, int]:

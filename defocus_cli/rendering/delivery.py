@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.quantities import length_text
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 class _OfRadius:
     """A map that is computed from the signed radii [H, W], a few rows at a time."""
 
-    def __init__(self, radius: Any, kind: Kind) -> None:
-        self._radius, self._kind = radius, kind
+    def __init__(self, radius: Any, compute: Callable[[Any], Any]) -> None:
+        self._radius, self._compute = radius, compute
         self.shape, self.dtype = radius.shape, radius.dtype
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
-        values: NDArray[Any] = self._kind.compute(self._radius[rows])
+        values: NDArray[Any] = self._compute(self._radius[rows])
         return values
 
 
@@ -53,7 +53,8 @@ def deliver(
     Raises:
         InputError: a file cannot be written.
     """
-    from defocus_cli.formats.encode import write_image, write_map
+    from defocus_cli.formats.encode import write_image
+    from defocus_cli.formats.exr import write_exr
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
     outputs = outcome.job.outputs
@@ -65,7 +66,7 @@ def deliver(
     with written_together():
         for kind in outputs.rows:
             path, preview = paths[kind.name], previews.get(kind.name)
-            planes = images[kind.name] if kind.rendered else (_OfRadius(radius, kind),)
+            planes = (_OfRadius(radius, kind.of_radius),) if kind.of_radius else images[kind.name]
             attributes = _attributes(outcome, kind)
             if kind.image:
                 lost = write_image(
@@ -81,8 +82,8 @@ def deliver(
                 )
                 warnings += [f"{kind.name}: {warning}" for warning in lost]
             else:
-                write_map(path, planes[0], kind.name, attributes=attributes, corner=color.corner)
-            if preview is not None and kind.signed_preview:
+                write_exr(path, {kind.name: planes[0]}, attributes, color.corner)
+            if preview is not None and kind.of_radius:
                 write_signed_preview(preview, planes[0])
             elif preview is not None:
                 write_preview(preview, Stack(planes))

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import image_type
@@ -149,7 +148,7 @@ class _Images:
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = fetched(KINDS[kind].compute(part)).reshape(len(planes), height, width)
+            pixels = fetched(getattr(part, kind)).reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 if beyond.any():

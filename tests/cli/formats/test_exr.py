@@ -262,7 +262,7 @@ def test_a_file_with_subsampled_channels_is_refused(tmp_path: Path) -> None:
     )
     assert not oiio.ImageInput.open(str(path)), "OpenImageIO reads it: it could be taken"
     oiio.geterror()
-    with pytest.raises(InputError, match="has mask at a lower resolution.*without subsampling"):
+    with pytest.raises(InputError, match=r"has mask at a lower resolution.*without subsampling"):
         read_parts(path)
 
 
