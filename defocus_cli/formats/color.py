@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.exr import Part, read_parts
-from defocus_cli.formats.exr_channels import ColorLayer, choose_color
+from defocus_cli.formats.exr_channels import ChannelGroup, choose_color
 from defocus_cli.formats.exr_header import is_exr, read_headers
 from defocus_cli.formats.float_maps import is_float_map
 from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
@@ -140,7 +140,7 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
     )
 
 
-def _exr_note(chosen: ColorLayer) -> str:
+def _exr_note(chosen: ChannelGroup) -> str:
     names = chosen.channels.values()
     kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
     thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in chosen.header.attributes)
@@ -148,7 +148,7 @@ def _exr_note(chosen: ColorLayer) -> str:
     return ", ".join(filter(None, told))
 
 
-def _missing(chosen: ColorLayer) -> tuple[str, ...]:
+def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
     """What is black because the file has no pixels there; with alpha, it is as transparent."""
     header = chosen.header
     if "A" in chosen.channels or header.data.covers(header.display):
@@ -173,7 +173,7 @@ def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
 
 
 def _extras(
-    parts: Sequence[Part], chosen: ColorLayer
+    parts: Sequence[Part], chosen: ChannelGroup
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Channels beside the chosen layer, PART.NAME where a plain name is taken.
 
