@@ -103,22 +103,26 @@ def read_color(
     return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
 
 
-def require_finite(color: Color) -> None:
-    """Refuse a colour image with NaN or infinite pixels, naming how many and the first.
-
-    Raises:
-        InputError: there are some.
-    """
+def count_nonfinite(color: Color) -> tuple[int, str]:
+    """Number of pixels of a colour image that are NaN or infinite, and the first as x,y."""
     import numpy as np
 
-    count, first = count_of(
+    return count_of(
         (~np.logical_and.reduce([np.isfinite(plane[rows]) for plane in color.planes]), rows.start)
         for rows in bands(color.shape)
     )
-    if not count:
-        return
-    problem = f"is NaN or infinite in {counted(count, 'pixel')}, the first at {first}"
-    raise InputError(color.path, problem, "render or save it again with finite values")
+
+
+def require_finite(color: Color) -> None:
+    """Refuse a colour image with NaN or infinite pixels.
+
+    Raises:
+        InputError: naming how many pixels are NaN or infinite, and the first as x,y.
+    """
+    count, first = count_nonfinite(color)
+    if count:
+        problem = f"is NaN or infinite in {counted(count, 'pixel')}, the first at {first}"
+        raise InputError(color.path, problem, "render or save it again with finite values")
 
 
 def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
@@ -128,7 +132,7 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
     own = parts[chosen.header.index]
     extras, left_out = _extras(parts, chosen)
     return Color(
-        planes=_alike([own.channels[name] for name in chosen.channels.values()], keeping),
+        planes=_one_type([own.channels[name] for name in chosen.channels.values()], keeping),
         channels=tuple(chosen.channels),
         path=path,
         attributes={k: v for k, v in own.header.attributes.items() if k != _THUMBNAIL},
@@ -144,8 +148,8 @@ def _exr_note(chosen: ChannelGroup) -> str:
     names = chosen.channels.values()
     kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
     thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in chosen.header.attributes)
-    told = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
-    return ", ".join(filter(None, told))
+    notes = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
+    return ", ".join(filter(None, notes))
 
 
 def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
@@ -156,20 +160,20 @@ def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
     return (f"black outside its data window {header.data}; render the whole display window",)
 
 
-def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
+def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
     """Channels of one type, half or float32, that holds all that is in them."""
     import numpy as np
 
     if all(plane.dtype == np.float16 for plane in planes):
         return tuple(planes)
-    found = []
+    floats = []
     for plane in planes:
         if plane.dtype != np.float32:
-            given, plane = plane, keeping.new(plane.shape, np.float32)
+            native, plane = plane, keeping.new(plane.shape, np.float32)
             for rows in bands(plane.shape):
-                plane[rows] = given[rows]
-        found.append(plane)
-    return tuple(found)
+                plane[rows] = native[rows]
+        floats.append(plane)
+    return tuple(floats)
 
 
 def _extras(
@@ -211,8 +215,8 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
     which = [names.index(c) for c in channels]
     size = raster.height, raster.width
     planes = tuple(keeping.new(size, np.float32) for _ in channels)
-    for window, found in read_samples(path, raster.page):
-        samples = found[:, :, which]
+    for window, every in read_samples(path, raster.page):
+        samples = every[:, :, which]
         alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
         colour = samples if alpha is None else samples[:, :, :-1]
         pixels = linear_light(colour, alpha, gamma=raster.space.gamma, associated=raster.associated)

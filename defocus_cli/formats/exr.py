@@ -1,6 +1,6 @@
 """OpenEXR pixels, in and out: native half, float and uint arrays, cropped to the display window.
 
-Pixels outside the data window are 0. OpenImageIO decodes some rows or tiles at a time, of any part.
+Pixels outside the data window are 0. OpenImageIO decodes a strip of rows or tiles at a time.
 Output is one scan-line part, ZIP compressed (the codec whose corruption is noticed on reading),
 without dates: the same arrays make the same bytes.
 """
@@ -105,18 +105,15 @@ def _part(
     }
     size = (header.display.height, header.display.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
-    if not header.data.covers(header.display):
-        for plane in channels.values():
-            plane[:] = 0
     if channels:
         for window, piece in _pieces(path, header, types, keeping):
             for name, pixels in piece.items():
-                _put(channels[name], pixels, window, header.display)
+                _paste(channels[name], pixels, window, header.display)
     return Part(header, channels)
 
 
 def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:
-    """Some rows or tiles of a part after the others, and where they lie."""
+    """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     file = oiio.ImageInput.open(str(path))
@@ -186,7 +183,7 @@ def _decoded(
     return piece
 
 
-def _put(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
+def _paste(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
     """Put the pixels of the data window where they lie in the display window."""
     x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
     y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
@@ -266,10 +263,10 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
     import torch
 
     largest = np.float32(np.finfo(np.float16).max)
-    found = torch.from_numpy(np.require(values, requirements="W"))
-    if not found.numel() or max(float(found.amax()), -float(found.amin())) <= largest:
+    clamped = torch.from_numpy(np.require(values, requirements="W"))
+    if not clamped.numel() or max(float(clamped.amax()), -float(clamped.amin())) <= largest:
         beyond = np.zeros(values.shape, bool)
     else:  # or NaN
         beyond = np.abs(values) > largest
-        found = found.clamp(-float(largest), float(largest))
-    return found.half().numpy(), beyond  # ten times as fast as NumPy
+        clamped = clamped.clamp(-float(largest), float(largest))
+    return clamped.half().numpy(), beyond  # ten times as fast as NumPy

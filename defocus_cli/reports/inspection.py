@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.kinds import KINDS, MAPS, Kind
 from defocus_cli.jobs.job import Lens, Reading
@@ -15,7 +15,6 @@ from defocus_cli.system.errors import InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from defocus_cli.formats.depth import Depth
@@ -77,7 +76,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
         InputError: the file cannot be read, or does not have what ``reading`` names.
         UsageProblem: the options make no sense for this file.
     """
-    from defocus_cli.formats.color import read_color
+    from defocus_cli.formats.color import count_nonfinite, read_color
     from defocus_cli.formats.depth import read_depth
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
@@ -90,7 +89,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
     color = depth = None
     if not color_note:
         read = read_color(path, layer=reading.color_layer, part=reading.part)
-        color = ColorFound(read.note, read.channels, _nonfinite(read.pixels))
+        color = ColorFound(read.note, read.channels, count_nonfinite(read)[0])
     if not depth_note:
         channel, unit = reading.depth_channel, reading.depth_unit
         depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)
@@ -148,29 +147,27 @@ def _chosen(
 
 
 def _maps(info: FileInfo) -> tuple[MapFound, ...]:
-    import numpy as np
-
     from defocus_cli.formats.exr import read_parts
 
     if not any(name in MAPS for part in info.parts for name, _ in part.channels):
         return ()
-    found = []
+    maps = []
     for part in read_parts(info.path):
         for kind in [name for name in MAPS if name in part.channels]:
-            finite = part.channels[kind][np.isfinite(part.channels[kind])]
-            reach = (float(finite.min()), float(finite.max())) if finite.size else None
-            found.append(MapFound(KINDS[kind], reach))
-    return tuple(found)
+            maps.append(MapFound(KINDS[kind], _range(part.channels[kind])))
+    return tuple(maps)
+
+
+def _range(values: NDArray[Any]) -> tuple[float, float] | None:
+    """Least and greatest of the finite values; None if there are none."""
+    import numpy as np
+
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else None
 
 
 def _clause(error: InputError) -> str:
     return f"{error.problem}; {error.remedy}" if error.remedy else error.problem
-
-
-def _nonfinite(pixels: NDArray[np.float32]) -> int:
-    import numpy as np
-
-    return int((~np.isfinite(pixels)).any(axis=2).sum())
 
 
 def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
@@ -179,7 +176,6 @@ def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
     from defocus_cli.rendering import focusing
 
     valid = depth.metres[~depth.invalid]
-    finite = valid[np.isfinite(valid)]
     coc_px, repair = None, ""
     if lens is not None and valid.size:
         lens = focusing.focused(lens, depth)
@@ -193,7 +189,7 @@ def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
                 repair = focusing.repair_of(lens, depth)
     return DepthFound(
         note=depth.note,
-        range_m=(float(finite.min()), float(finite.max())) if finite.size else None,
+        range_m=_range(valid),
         sky=int(np.isinf(valid).sum()),
         invalid=int(depth.invalid.sum()),
         lens=lens,

@@ -59,23 +59,23 @@ class Scratch:
         import numpy as np
 
         (top, below, step), (left, beside, stride) = self._cuts(window)
-        found = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
-        for rows, offset in self._runs(found, top, left):
+        values = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
+        for rows, offset in self._runs(values, top, left):
             if os.preadv(self._file.fileno(), [rows.data], offset) < rows.nbytes:
                 raise OSError("a scratch file ended early")
-        return found[::step, ::stride]
+        return values[::step, ::stride]
 
     def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
         """Fill slices, without steps, of rows and columns."""
         import numpy as np
 
         (top, below, _), (left, beside, _) = self._cuts(window)
-        given = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
+        cut = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
         try:
-            for rows, offset in self._runs(given.astype(self.dtype, copy=False), top, left):
+            for rows, offset in self._runs(cut.astype(self.dtype, copy=False), top, left):
                 os.pwritev(self._file.fileno(), [rows.data], offset)
         except OSError as error:
-            raise _no_room(scratch_folder(), given.nbytes, error) from None
+            raise _no_room(scratch_folder(), cut.nbytes, error) from None
 
     def _cuts(self, window: Any) -> list[tuple[int, int, int]]:
         cuts = window if isinstance(window, tuple) else (window,)
@@ -104,12 +104,12 @@ class Keeping:
     scratch: bool = False
 
     def new(self, shape: tuple[int, int], dtype: Any) -> Any:
-        """An array [H, W], to be filled."""
+        """An array [H, W] of zeros."""
         if self.scratch:
             return Scratch(shape, dtype)
         import numpy as np
 
-        return np.empty(shape, dtype)
+        return np.zeros(shape, dtype)
 
 
 IN_MEMORY = Keeping()
@@ -149,10 +149,8 @@ class Windows:
         cuts = window if isinstance(window, tuple) else (window,)
         cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
         if self._lone:
-            found = self._planes[0][cuts]
-        else:
-            found = np.stack([plane[cuts] for plane in self._planes])
-        return sent(found, self.device)
+            return sent(self._planes[0][cuts], self.device)
+        return sent(np.stack([plane[cuts] for plane in self._planes]), self.device)
 
 
 def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
@@ -162,17 +160,16 @@ def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 
-def count_of(found: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
-    """How many pixels of bands [h, W], of known first rows, are true, and the first as x,y."""
+def count_of(masks: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
+    """Number of true pixels in bands [h, W], each with its first row, and the first as x,y."""
     import numpy as np
 
     count, first = 0, ""
-    for band, top in found:
-        here = int(np.count_nonzero(band))
-        if here and not count:
+    for band, top in masks:
+        if not count and band.any():
             y, x = np.unravel_index(int(band.argmax()), band.shape)
             first = f"{x},{y + top}"
-        count += here
+        count += int(np.count_nonzero(band))
     return count, first
 
 
@@ -193,10 +190,10 @@ def sent(values: Any, device: torch.device) -> torch.Tensor:
     """An array as a tensor on a device; to a GPU it is still on its way while work goes on."""
     import torch
 
-    found = torch.from_numpy(values)
+    tensor = torch.from_numpy(values)
     if device.type != "cuda":
-        return found.to(device)
-    return found.pin_memory().to(device, non_blocking=True)
+        return tensor.to(device)
+    return tensor.pin_memory().to(device, non_blocking=True)
 
 
 def fetched(values: torch.Tensor) -> Any:
