@@ -11,6 +11,7 @@ import os
 import shutil
 import tempfile
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from defocus_cli.formats.exr import clamped_half, write_exr
 from defocus_cli.formats.srgb_curve import linear_to_srgb, quantised
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted
-from defocus_cli.system.errors import InputError, UsageProblem, reason
+from defocus_cli.system.errors import InputError, UsageProblem, one_line
 from defocus_cli.system.safe_files import quiet, unwritable, written_whole
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def write_image(
     Args:
         path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
         pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
-            for an EXR of half. An array, or a `Stack`; some rows are looked at at a time.
+            for an EXR of half. An array, or a `Stack`, which is read in strips of rows.
         channels: names of the C channels, as `defocus_cli.formats.color.Color`.
         exr_type: half or float, of the EXR's image channels.
         bits: 8 or 16, of a PNG.
@@ -89,12 +90,12 @@ def write_image(
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below
         for rows in bands(pixels.shape):
-            found = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
-            samples, above, below = found[0], above + found[1], below + found[2]
+            strip = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
+            samples, above, below = strip[0], above + strip[1], below + strip[2]
             yield samples
 
-    told = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
-    write_samples(path, pixels.shape[:2], encoded(), codec, told)
+    kept = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
+    write_samples(path, pixels.shape[:2], encoded(), codec, kept)
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
@@ -150,7 +151,7 @@ def write_samples(
     Args:
         path: written whole or not at all.
         size: (height, width).
-        samples: [h, W, C] of some rows after the other; alpha, if any, unassociated.
+        samples: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
         codec: png, tiff or jpeg.
         attributes: text to keep in the file where the format can.
 
@@ -158,7 +159,9 @@ def write_samples(
         InputError: the file cannot be written.
     """
     with _memory(path) as memory:
-        _encode(path, memory, size, samples, codec, attributes)
+        if error := _encoder_error(memory, size, iter(samples), codec, attributes):
+            problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
+            raise InputError(path, problem, "write EXR instead")
         with written_whole(path) as file, memory.open("rb") as encoded:
             shutil.copyfileobj(encoded, file, _BLOCK)
 
@@ -192,34 +195,29 @@ def _beyond_half(pixels: Any) -> int:
     )
 
 
-def _encode(
-    path: Path,
+def _encoder_error(
     memory: Path,
     size: tuple[int, int],
-    samples: Iterable[NDArray[Any]],
+    samples: Iterator[NDArray[Any]],
     codec: str,
     attributes: Mapping[str, str],
-) -> None:
-    """Encode samples to a file in memory. ``path`` is for messages only."""
+) -> str:
+    """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
     import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    output, done, row = None, True, 0
-    for some in samples:
-        with quiet():
-            if output is None:
-                spec = _spec(size, some, codec, attributes)
-                output = oiio.ImageOutput.create(codec)
-                assert output is not None, f"OpenImageIO without {codec}"
-                done = output.open(str(memory), spec)
-            rows = np.ascontiguousarray(some)
-            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
-        row += len(some)
-    assert output is not None
+    first, row = next(samples), 0
     with quiet():
-        if not (done and output.close()):
-            problem = f"cannot be encoded as {codec}: {reason(RuntimeError(output.geterror()))}"
-            raise InputError(path, problem, "write EXR instead")
+        output = oiio.ImageOutput.create(codec)
+        assert output is not None, f"OpenImageIO without {codec}"
+        done = output.open(str(memory), _spec(size, first, codec, attributes))
+    for strip in chain([first], samples):
+        with quiet():
+            rows = np.ascontiguousarray(strip)
+            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
+        row += len(strip)
+    with quiet():
+        return "" if done and output.close() else output.geterror() or "no reason given"
 
 
 def _spec(

@@ -217,41 +217,48 @@ def write_exr(
     Raises:
         InputError: the file cannot be written.
     """
+    kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
+    carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
+    own = {name: value for name, value in kept.items() if name not in carried}
+    height, width = next(iter(channels.values())).shape
+    (x, y), offsets = corner, b""
+    whole = Window(x, y, x + width - 1, y + height - 1)
+    box = Raw("box2i", struct.pack("<4i", *whole))
+    windows = {"dataWindow": box, "displayWindow": box}
+    with written_whole(path) as file, quiet():
+        for attributes_of_strip, starts, chunks in _encoded_strips(channels, own, whole):
+            if not offsets:
+                file.write(header_bytes(attributes_of_strip | carried | windows))
+                table = file.tell()
+                file.write(bytes(8 * -(-height // _ZIP_ROWS)))
+            offsets += (starts + file.tell()).astype("<u8").tobytes()
+            file.write(chunks)
+        file.seek(table)
+        file.write(offsets)
+        file.seek(0, io.SEEK_END)
+
+
+def _encoded_strips(
+    channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window
+) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
+    """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
     import numpy as np
     import OpenEXR
 
-    given = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
-    carried = {name: value for name, value in given.items() if isinstance(value, Raw)}
-    height, width = next(iter(channels.values())).shape
-    (x, y), bottom = corner, corner[1] + height - 1
-    whole = Window(x, y, x + width - 1, bottom)
-    header = {name: value for name, value in given.items() if name not in carried}
-    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    row_bytes = width * sum(array.dtype.itemsize for array in channels.values())
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    row_bytes = whole.width * sum(array.dtype.itemsize for array in channels.values())
     rows = max(1, _STRIP_BYTES // row_bytes // _ROWS) * _ROWS
-    offsets: list[int] = []
-    with written_whole(path) as file, quiet():
-        for top in range(0, height, rows):
-            window = Window(x, y + top, whole.x1, min(y + top + rows - 1, bottom))
-            strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
-            encoded = io.BytesIO()
-            corners = np.array(window[:2], np.int32), np.array(window[2:], np.int32)
-            OpenEXR.File({**header, "dataWindow": corners}, strip).write(encoded)
-            encoded.seek(8)
-            attributes_there = read_attributes(encoded)
-            if not offsets:
-                box = Raw("box2i", struct.pack("<4i", *whole))
-                windows = {"dataWindow": box, "displayWindow": box}
-                file.write(header_bytes(attributes_there | carried | windows))
-                table = file.tell()
-                file.write(bytes(8 * -(-height // _ZIP_ROWS)))
-            count = -(-window.height // _ZIP_ROWS)
-            starts = struct.unpack(f"<{count}Q", encoded.read(8 * count))
-            offsets += [file.tell() + start - encoded.tell() for start in starts]
-            file.write(encoded.read())
-        file.seek(table)
-        file.write(struct.pack(f"<{len(offsets)}Q", *offsets))
-        file.seek(0, io.SEEK_END)
+    for top in range(0, whole.height, rows):
+        strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
+        first, last = whole.y0 + top, min(whole.y0 + top + rows - 1, whole.y1)
+        corners = np.array([whole.x0, first], np.int32), np.array([whole.x1, last], np.int32)
+        encoded = io.BytesIO()
+        OpenEXR.File({**attributes, **kind, "dataWindow": corners}, strip).write(encoded)
+        encoded.seek(8)
+        attributes_of_strip = read_attributes(encoded)
+        count = -(-(last - first + 1) // _ZIP_ROWS)
+        starts = np.frombuffer(encoded.read(8 * count), "<u8")
+        yield attributes_of_strip, starts - np.uint64(encoded.tell()), encoded.read()
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
