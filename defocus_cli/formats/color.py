@@ -42,9 +42,9 @@ class Color:
         attributes: EXR metadata for the output to carry.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
         corner: x and y of the first pixel, for an EXR output to be where the input is.
-        note: how the file was understood, for people.
-        warnings: what in the file was not heeded, for people.
-        left_out: what of the EXR file no output can carry, for people.
+        note: how the samples were read, in words.
+        warnings: what of the file was not applied, in words.
+        left_out: parts of the EXR file that no output can carry, in words.
     """
 
     planes: tuple[Any, ...]
@@ -65,7 +65,7 @@ class Color:
 
     @property
     def pixels(self) -> NDArray[np.float32]:
-        """All of it, float32 [H, W, C]."""
+        """The whole image, float32 [H, W, C]."""
         import numpy as np
 
         return np.stack([plane[:] for plane in self.planes], axis=2, dtype=np.float32)
@@ -153,7 +153,7 @@ def _exr_note(chosen: ChannelGroup) -> str:
 
 
 def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
-    """What is black because the file has no pixels there; with alpha, it is as transparent."""
+    """A warning of the part of the frame without pixels, which is black; with alpha it is none."""
     header = chosen.header
     if "A" in chosen.channels or header.data.covers(header.display):
         return ()
@@ -161,7 +161,7 @@ def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
 
 
 def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
-    """Channels of one type, half or float32, that holds all that is in them."""
+    """Channels of one type: half if all are half, else float32."""
     import numpy as np
 
     if all(plane.dtype == np.float16 for plane in planes):
@@ -179,9 +179,9 @@ def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
 def _extras(
     parts: Sequence[Part], chosen: ChannelGroup
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Channels beside the chosen layer, PART.NAME where a plain name is taken.
+    """Channels beside the chosen layer, and in words the parts that the output cannot carry.
 
-    And, in words, what cannot share a file with the output.
+    A channel is called PART.NAME where its plain name is taken.
     """
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}

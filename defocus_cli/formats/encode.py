@@ -65,7 +65,7 @@ def write_image(
         clamped: pixels that had to be clamped to be half.
 
     Returns:
-        What the file could not hold, one sentence each, for people.
+        Warnings of what the file cannot hold, one clause each.
 
     Raises:
         InputError: the file cannot be written.
@@ -109,7 +109,7 @@ def write_image(
 def display_encoded(
     pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
 ) -> tuple[NDArray[Any], int, int]:
-    """Linear, premultiplied pixels as sRGB integers, and how many were clipped at white and black.
+    """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
 
     Args:
         pixels: [H, W, C] scene-linear.
@@ -186,7 +186,7 @@ def _planes(pixels: Any) -> list[Any]:
 
 
 def _beyond_half(pixels: Any) -> int:
-    """How many pixels [H, W, C] hold more than half can."""
+    """Number of pixels [H, W, C] with a value beyond the range of half."""
     import numpy as np
 
     return sum(
@@ -238,7 +238,7 @@ def _spec(
 
 @contextmanager
 def _memory(path: Path) -> Iterator[Path]:
-    """A file name for an encoder to write to that no full disk can reach.
+    """A file name in memory for an encoder to write to.
 
     On a full disk OpenImageIO's PNG encoder reports success, and its JPEG encoder ends the process.
     """

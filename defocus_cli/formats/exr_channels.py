@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from defocus_cli.formats.exr_header import Header
 
 _FLATTEN = "flatten it first, for example with oiiotool --flatten"
-_NEARLY_SQUARE = 1e-3  # by how much the sides of a pixel may differ
+_NEARLY_SQUARE = 1e-3  # allowed relative difference of the sides of a pixel
 
 
 class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
@@ -168,7 +168,7 @@ def _is_depth(candidate: ChannelGroup) -> bool:
 def _named(
     path: Path, found: Sequence[ChannelGroup], wanted: str, kind: str, option: str
 ) -> ChannelGroup:
-    """The one candidate that the user's words ``wanted`` mean."""
+    """The one candidate that the user calls ``wanted``."""
     exact = [c for c in found if wanted in _names(c)]
     folded = wanted.casefold()
     matches = exact or [c for c in found if folded in {n.casefold() for n in _names(c)}]
@@ -179,7 +179,7 @@ def _named(
 
 
 def _names(candidate: ChannelGroup) -> set[str]:
-    """All that a user may call the candidate."""
+    """All names by which a user may choose the candidate."""
     header, name = candidate.header, candidate.name
     names = {name, f"{header.index}/{name}", f"{header.label}/{name}"}
     if candidate.default and header.name:
@@ -207,7 +207,7 @@ def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
 
 
 def _listing(headers: Sequence[Header]) -> str:
-    """All channels of some parts, for a message."""
+    """The channels of ``headers``, for a message."""
     every = [ChannelGroup(header, c.name) for header in headers for c in header.channels]
     shown = _labels(every[:40])
     more = len(every) - len(shown)

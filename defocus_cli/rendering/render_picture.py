@@ -143,12 +143,12 @@ class _Images:
         import numpy as np
 
         from defocus_cli.formats.exr import clamped_half
-        from defocus_cli.system.arrays import fetched
+        from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = fetched(getattr(part, kind)).reshape(len(planes), height, width)
+            pixels = to_array(getattr(part, kind)).reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 if beyond.any():
