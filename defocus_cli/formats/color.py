@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _THUMBNAIL = "preview"  # attribute of an EXR header
+BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
+LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
 
 
 @dataclass(frozen=True)
@@ -103,26 +105,35 @@ def read_color(
     return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
 
 
-def count_nonfinite(color: Color) -> tuple[int, str]:
-    """Number of pixels of a colour image that are NaN or infinite, and the first as x,y."""
+def count_beyond(color: Color, most: float) -> tuple[int, str]:
+    """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
     import numpy as np
 
     return count_of(
-        (~np.logical_and.reduce([np.isfinite(plane[rows]) for plane in color.planes]), rows.start)
+        (
+            ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(most) for p in color.planes]),
+            rows.start,
+        )
         for rows in bands(color.shape)
     )
 
 
 def require_finite(color: Color) -> None:
-    """Refuse a colour image with NaN or infinite pixels.
+    """Refuse a colour image whose pixels are not all finite and within ±`BRIGHTEST`.
 
     Raises:
-        InputError: naming how many pixels are NaN or infinite, and the first as x,y.
+        InputError: naming how many pixels are not, and the first as x,y.
     """
-    count, first = count_nonfinite(color)
-    if count:
-        problem = f"is NaN or infinite in {counted(count, 'pixel')}, the first at {first}"
-        raise InputError(color.path, problem, "render or save it again with finite values")
+    count, first = count_beyond(color, BRIGHTEST)
+    if not count:
+        return
+    infinite, first_infinite = count_beyond(color, LARGEST_FLOAT)
+    if infinite:
+        problem = f"is NaN or infinite in {counted(infinite, 'pixel')}, the first at"
+        remedy = "render or save it again with finite values"
+        raise InputError(color.path, f"{problem} {first_infinite}", remedy)
+    problem = f"is beyond ±{BRIGHTEST:g} in {counted(count, 'pixel')}, the first at {first}"
+    raise InputError(color.path, problem, "scale it: light has no unit here")
 
 
 def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:

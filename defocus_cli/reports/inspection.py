@@ -76,7 +76,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
         InputError: the file cannot be read, or does not have what ``reading`` names.
         UsageProblem: the options make no sense for this file.
     """
-    from defocus_cli.formats.color import count_nonfinite, read_color
+    from defocus_cli.formats.color import LARGEST_FLOAT, count_beyond, read_color
     from defocus_cli.formats.depth import read_depth
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
@@ -89,7 +89,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
     color = depth = None
     if not color_note:
         read = read_color(path, layer=reading.color_layer, part=reading.part)
-        color = ColorFound(read.note, read.channels, count_nonfinite(read)[0])
+        color = ColorFound(read.note, read.channels, count_beyond(read, LARGEST_FLOAT)[0])
     if not depth_note:
         channel, unit = reading.depth_channel, reading.depth_unit
         depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)

@@ -8,7 +8,7 @@ from defocus_core.blur.fourier import reach
 from defocus_core.blur.kernel_bank import Spread, Window, alike, spreads_of, windows
 from defocus_core.compositing.highlights import reached_by, threshold
 from defocus_core.engine.frame import NEIGHBOURHOOD, FillSlices, Frame
-from defocus_core.engine.statistics import Survey, survey
+from defocus_core.engine.statistics import BRIGHTEST, Survey, survey
 from defocus_core.images.source import Pixels, banded
 from defocus_core.images.tiling import grid_over, largest, regions
 from defocus_core.inpainting.frame_pyramid import EDGE
@@ -156,9 +156,10 @@ def _with_hidden(hidden: Behind, least: float, most: float) -> tuple[float, floa
         some = mask.bool()
         known = radius[some]
         for name, values in (("color", color[:, some]), ("signed_radius", known)):
-            if not bool(torch.isfinite(values).all()):
+            if not bool((values.abs() <= BRIGHTEST).all()):
                 raise ValueError(
-                    f"hidden.{name} must be finite where the mask is true; leave unknown pixels out"
+                    f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is "
+                    "true; leave unknown pixels out"
                 )
         if len(known):
             least, most = min(least, float(known.min())), max(most, float(known.max()))

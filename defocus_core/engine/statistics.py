@@ -16,6 +16,8 @@ from defocus_core.runtime.threads import threaded
 
 # Px of radius: any picture is a point beside it.
 MOST = 1e8
+# Light beyond this, of either sign, would make sums over an aperture or a frame overflow float32.
+BRIGHTEST = 1e30
 # Every how many rows and columns the brightness of a pixel is taken where a sample is enough.
 _SAMPLED = 3
 
@@ -59,7 +61,7 @@ def survey(
         threads: Bands of rows looked at at once.
 
     Raises:
-        ValueError: If a value is not finite, or a radius is beyond `MOST`.
+        ValueError: If a value is not finite, a radius beyond `MOST`, or light beyond `BRIGHTEST`.
     """
     H, W = signed_radius.shape
 
@@ -90,6 +92,11 @@ def survey(
         raise ValueError(
             f"signed_radius must be within {MOST:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
+        )
+    if max(-ends[2], ends[3]) > BRIGHTEST:
+        raise ValueError(
+            f"image must be within ±{BRIGHTEST:g}, got {ends[2]:.3g} to {ends[3]:.3g}; "
+            "scale it, light has no unit here"
         )
 
     def brightness_again() -> Iterator[Tensor]:
