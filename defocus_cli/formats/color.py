@@ -41,7 +41,7 @@ class Color:
         planes: C arrays [H, W], half or float32, scene-linear, alpha premultiplied.
         channels: names of the C channels: R, G, B or Y, then A if there is one.
         path: the file.
-        attributes: EXR metadata for the output to carry.
+        attributes: metadata for the output to carry: `Raw` of an EXR file, `Tag` of others.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
         corner: x and y of the first pixel, for an EXR output to be where the input is.
         note: how the samples were read, in words.
@@ -236,7 +236,7 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
             plane[window] = parts[:, :, index]
     note, unheeded = raster.space.note, raster.space.unheeded
     if not unheeded:
-        return Color(planes, channels, path, note=note)
+        return Color(planes, channels, path, raster.tags, note=note)
     warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
     note = f"{note}, its {unheeded} not applied"
-    return Color(planes, channels, path, note=note, warnings=(warning,))
+    return Color(planes, channels, path, raster.tags, note=note, warnings=(warning,))

@@ -1,8 +1,9 @@
 """Images encoded in the format of their suffix, and written whole.
 
 EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
-and JPEG (8 bit, quality 95): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its
-colour is what shows over black. The same pixels and attributes make the same bytes: no dates.
+and JPEG (8 bit): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is what
+shows over black. PNG, TIFF and JPEG keep the `Tag` attributes of such an input. The same pixels and
+attributes make the same bytes: no date is added.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.exr import clamped_half, write_exr
+from defocus_cli.formats.raster import Tag
 from defocus_cli.formats.srgb_curve import linear_to_srgb, quantised
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted
@@ -34,7 +36,7 @@ _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step
 _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
     "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
-    "jpeg": {"Compression": "jpeg:95", "jpeg:subsampling": "4:4:4"},
+    "jpeg": {"jpeg:subsampling": "4:4:4"},
 }
 
 
@@ -45,6 +47,7 @@ def write_image(
     *,
     exr_type: str = "half",
     bits: int = 8,
+    jpeg_quality: int = 95,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
     corner: tuple[int, int] = (0, 0),
@@ -59,7 +62,8 @@ def write_image(
         channels: names of the C channels, as `defocus_cli.formats.color.Color`.
         exr_type: half or float, of the EXR's image channels.
         bits: 8 or 16, of a PNG.
-        attributes: EXR metadata; other formats keep those that start with ``defocus:``.
+        jpeg_quality: 1 to 100.
+        attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
         extras: further EXR channels, written with their own types; other formats drop them.
         corner: x and y of an EXR's first pixel.
         clamped: pixels that had to be clamped to be half.
@@ -76,7 +80,8 @@ def write_image(
         if exr_type == "half" and pixels.dtype == "f4":
             clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
-        write_exr(path, {**(extras or {}), **named}, attributes, corner)
+        kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
+        write_exr(path, {**(extras or {}), **named}, kept, corner)
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
@@ -94,8 +99,10 @@ def write_image(
             samples, above, below = strip[0], above + strip[1], below + strip[2]
             yield samples
 
-    kept = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
-    write_samples(path, pixels.shape[:2], encoded(), codec, kept)
+    told = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
+    tags = {k: v for k, v in attributes.items() if isinstance(v, Tag)}
+    quality = {"Compression": f"jpeg:{jpeg_quality}"} if codec == "jpeg" else {}
+    write_samples(path, pixels.shape[:2], encoded(), codec, {**told, **tags, **quality})
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
@@ -144,7 +151,7 @@ def write_samples(
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str],
+    attributes: Mapping[str, str | Tag],
 ) -> None:
     """Write uint8 or uint16 samples as they are.
 
@@ -153,7 +160,7 @@ def write_samples(
         size: (height, width).
         samples: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
         codec: png, tiff or jpeg.
-        attributes: text to keep in the file where the format can.
+        attributes: metadata to keep in the file where the format can.
 
     Raises:
         InputError: the file cannot be written.
@@ -200,7 +207,7 @@ def _encoder_error(
     size: tuple[int, int],
     samples: Iterator[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str],
+    attributes: Mapping[str, str | Tag],
 ) -> str:
     """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
     import numpy as np
@@ -221,7 +228,7 @@ def _encoder_error(
 
 
 def _spec(
-    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str]
+    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str | Tag]
 ) -> Any:
     import OpenImageIO as oiio  # noqa: N813
 
@@ -229,10 +236,13 @@ def _spec(
     spec = oiio.ImageSpec(width, height, count, samples.dtype.name)
     spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
     spec.alpha_channel = count - 1 if count in (2, 4) else -1
-    settings = {**attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
     # An empty DateTime keeps OpenImageIO from writing the current one.
-    for name, value in {**settings, "Software": "defocus", "DateTime": ""}.items():
-        spec.attribute(name, value)
+    settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
+    for name, value in {**settings, "Software": "defocus"}.items():
+        if isinstance(value, Tag):
+            spec.attribute(name, oiio.TypeDesc(value.type), value.value)
+        else:
+            spec.attribute(name, value)
     return spec
 
 

@@ -81,6 +81,7 @@ def _npy(path: Path, kinds: str) -> NDArray[Any]:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
         raise InputError(path, problem, "save one map a file")
+    check_size(path, values.shape[1], values.shape[0], values.itemsize)
     return values
 
 

@@ -6,10 +6,10 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from defocus_cli.formats.color_space import ColorSpace, color_space
 from defocus_cli.formats.exr_channels import require_part
@@ -28,6 +28,24 @@ _AGAIN = "write or copy it again"
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
+# Metadata about the camera and the author, in OpenImageIO's names; the rest describes the encoding.
+_TAG_GROUPS = ("Exif:", "GPS:", "IPTC:")
+_TAGS = {
+    *("Make", "Model", "Artist", "Copyright", "ImageDescription", "DateTime"),
+    *("FNumber", "ExposureTime"),
+}
+# The output may differ from these, or they are of unknown structure.
+_NO_TAGS = {
+    *("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote"),
+}
+_LONGEST_TAG = 4096  # characters or numbers; EXIF takes 64 KB in all
+
+
+class Tag(NamedTuple):
+    """An EXIF, GPS or IPTC attribute: its type in OpenImageIO's words, and its value."""
+
+    type: str
+    value: Any
 
 
 class _MayBeWhole(Protocol):
@@ -53,6 +71,7 @@ class Raster:
         at_once: whether its decoder may hold all of it.
         page: which image of the file it is, from 0: a TIFF may have several.
         whole: whether it is no thumbnail or mask of another one.
+        tags: what the file says about the camera and the author.
     """
 
     width: int
@@ -65,6 +84,7 @@ class Raster:
     at_once: bool
     page: int
     whole: bool
+    tags: Mapping[str, Tag]
 
 
 def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> list[Raster]:
@@ -226,7 +246,18 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         at_once=_is_at_once(path, spec, file.format_name()),
         page=page,
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
+        tags=_tags(spec),
     )
+
+
+def _tags(spec: Any) -> dict[str, Tag]:
+    return {
+        attribute.name: Tag(str(attribute.type), attribute.value)
+        for attribute in spec.extra_attribs
+        if (attribute.name in _TAGS or attribute.name.startswith(_TAG_GROUPS))
+        and attribute.name not in _NO_TAGS
+        and len(str(attribute.value)) <= _LONGEST_TAG
+    }
 
 
 def _is_at_once(path: Path, spec: Any, kind: str) -> bool:

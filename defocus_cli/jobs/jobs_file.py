@@ -8,7 +8,7 @@ A TOML file with the tables
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-unit, depth-channel, color-layer, part
-  [outputs]   kinds, format, exr-type, preview
+  [outputs]   kinds, format, exr-type, jpeg-quality, preview
   [machine]   quality, or tolerance, like "1px"; depth-repair, "auto" or "off"
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
@@ -90,7 +90,7 @@ def _reading(found: Table) -> Reading:
 
 
 def _outputs(found: Table, outputs: Outputs) -> Outputs:
-    found.refuse_unknown(("kinds", "format", "exr-type", "preview"))
+    found.refuse_unknown(("kinds", "format", "exr-type", "jpeg-quality", "preview"))
     name = found.values.get("format")
     if isinstance(name, str):
         aliased = {**found.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -99,12 +99,15 @@ def _outputs(found: Table, outputs: Outputs) -> Outputs:
         "kinds": _kinds(found),
         "format": found.choice("format", tuple(SUFFIXES)),
         "exr_type": found.choice("exr-type", ("half", "float")),
+        "jpeg_quality": found.whole("jpeg-quality", 1, 100),
         "preview": found.flag("preview"),
     }
     told = dataclasses.replace(outputs, **_told(given))
-    if given["exr_type"] is not None and told.format != "exr":
-        problem = f"says nothing about {told.format}"
-        raise UsageProblem(found.place("exr-type"), problem, 'leave it out, or use format = "exr"')
+    for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
+        if given[field] is not None and told.format != kind:
+            problem = f"says nothing about {told.format}"
+            remedy = f'leave it out, or use format = "{kind}"'
+            raise UsageProblem(found.place(field.replace("_", "-")), problem, remedy)
     return told
 
 

@@ -75,6 +75,7 @@ def deliver(
                     color.channels,
                     exr_type=outputs.exr_type,
                     bits=16 if outputs.format == "png16" else 8,
+                    jpeg_quality=outputs.jpeg_quality,
                     attributes={**color.attributes, **attributes},
                     extras=color.extras,
                     corner=color.corner,
