@@ -283,5 +283,7 @@ def _canonical(spec: Any) -> Iterator[str]:
 
 def first_line(path: Path, text: str) -> str:
     """First line of what OpenImageIO says, short enough for a message that names the file."""
-    lines = text.replace(f' ("{path}")', "").strip().splitlines() or ["no reason given"]
+    for named, instead in ((f' ("{path}")', ""), (f" ({path})", ""), (f"{path}: ", "")):
+        text = text.replace(named, instead)
+    lines = text.replace(f'"{path}"', "it").strip().splitlines() or ["no reason given"]
     return one_line(lines[0]).rstrip(".")[:120]
