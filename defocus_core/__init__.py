@@ -8,6 +8,7 @@ from __future__ import annotations
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
+from defocus_core.engine.settings import Settings
 from defocus_core.evaluation import baselines, metrics
 from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.evaluation.law_checks import Check, Setting
@@ -50,6 +51,7 @@ __all__ = [
     "RandomDefocus",
     "Scenery",
     "Setting",
+    "Settings",
     "Stream",
     "UnreachableTolerance",
     "Views",

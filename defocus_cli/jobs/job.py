@@ -74,6 +74,11 @@ class Reading:
     color_layer: str | None = None
     part: int | None = None
 
+    @property
+    def depth_declared(self) -> bool:
+        """Whether it says what the numbers of the depth mean."""
+        return self.depth_unit is not None
+
 
 @dataclass(frozen=True)
 class Outputs:

@@ -17,14 +17,14 @@ def work_per_second(device: str, threads: int) -> float:
     """Units of work in a second: a second or two to measure, which torch takes to be imported."""
     import torch
 
-    from defocus_core import Stream, cost, scenery
+    from defocus_core import Settings, Stream, cost, scenery
 
     set_to_render()
     image, radius = (part.to(device) for part in scenery(*_SCENE)[:2])
     seconds = []
     for _ in range(_REPEATS + 1):  # the first is for what a process does once
         start = time.perf_counter()
-        stream = Stream(image, radius, threads=threads)
+        stream = Stream(image, radius, Settings(threads=threads))
         for _ in stream.regions():
             pass
         if device == "cuda":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job, Picture, Reading
 from defocus_cli.rendering.focusing import focused, quality_of, radius_map
+from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
 from defocus_cli.rendering.outcome import Loaded, Made, Outcome
 from defocus_cli.rendering.render_picture import rendered
@@ -84,7 +85,10 @@ def looked_at(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         depth_note=loaded.depth.note,
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
-        warnings=_unheeded(loaded),
+        warnings=(
+            *implausible(loaded.depth, radius, ends, lens, declared=job.reading.depth_declared),
+            *_unheeded(loaded),
+        ),
     )
     return outcome, radius
 

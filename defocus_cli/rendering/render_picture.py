@@ -99,21 +99,23 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
         tile: side of tiles in px.
     """
     from defocus_cli.rendering.memory_fit import holds_cells, room_on
-    from defocus_core import Aperture, Stream
+    from defocus_core import Aperture, Settings, Stream
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = Windows(loaded.color.planes, device)
     return Stream(
         image,
         Windows([radius], device, lone=True),
-        aperture=Aperture(lens.blades, lens.blade_rotation),
-        quality=outcome.quality,
-        left_right=any(kind.halves for kind in job.outputs.rows),
-        hidden=None if loaded.behind is None else _behind(loaded, outcome),
-        threads=job.machine.threads,
-        tile=tile or job.machine.tile,
-        infinity=radius_at_infinity(lens, outcome.size),
-        depth_repair=job.machine.depth_repair,
+        Settings(
+            aperture=Aperture(lens.blades, lens.blade_rotation),
+            quality=outcome.quality,
+            left_right=any(kind.halves for kind in job.outputs.rows),
+            threads=job.machine.threads,
+            tile=tile or job.machine.tile,
+            infinity=radius_at_infinity(lens, outcome.size),
+            depth_repair=job.machine.depth_repair,
+        ),
+        None if loaded.behind is None else _behind(loaded, outcome),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 

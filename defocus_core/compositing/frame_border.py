@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.images.box import Box
-from defocus_core.optics.aperture import Aperture, Part, area_within
+from defocus_core.optics.aperture import Aperture, Part
 
 # Up to a radius of _FROM px a pixel sees the frame alone; from _TO px on, the share that geometry
 # gives. Between them the share is smooth, for gradients of depth and lens pass through it.
@@ -177,7 +177,7 @@ def _at_corners(
         (torch.stack([place, place - length], -1) / r[:, None]).sort(-1).values.clamp(-1, 1)
         for place, length in zip(at, size, strict=True)
     )
-    within = [area_within(aperture, part, across, down).to(r.dtype) for part in parts]
+    within = [aperture.share_between(part, across, down).to(r.dtype) for part in parts]
     return 1 - _weight(r.abs()) * (1 - torch.stack(within))
 
 
@@ -207,7 +207,7 @@ def _shares(aperture: Aperture, part: Part, dim: int) -> Tensor:
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
         up_to = torch.stack([torch.full_like(ends, -1), ends], -1)
         whole = torch.tensor([-1.0, 1.0], dtype=torch.float64).expand_as(up_to)
-        below = area_within(aperture, part, *((up_to, whole) if dim == 1 else (whole, up_to)))
+        below = aperture.share_between(part, *((up_to, whole) if dim == 1 else (whole, up_to)))
         sign = torch.ones(_STEPS, dtype=torch.float64)
         sign[_STEPS // 2 :] = -1  # above 0 the share above u counts
         return torch.stack(

@@ -59,24 +59,24 @@ class Cost(NamedTuple):
 
 def cost(stream: Stream) -> Cost:
     """The work of rendering a picture, of which the radii are read once."""
-    frame, radius = stream.frame, stream.picture.signed_radius
+    frame, radius = stream.frame, stream.signed_radius
     grids = _computed(stream)
     tiles = [tile for grid in grids for tile in grid.tiles]
     blocks, edges = _looked_at(frame, radius)
-    plan = visible_slices(blocks, frame.reaches, tiles) if tiles else []
+    plan = visible_slices(blocks, frame.slices.visible.reaches, tiles) if tiles else []
     seen = sum(map(len, plan))
-    samples = stream.picture.image.shape[0] + 1
+    samples = stream.image.shape[0] + 1
     around = sum(_around(frame, grid).area for grid in grids)
     full_size = 1.0 if frame.quality.hidden_halvings else _AT_FULL_SIZE
     pixels = stream.size[0] * stream.size[1]
     work = (
-        pixels * (3 if frame.left_right else 1)
-        + _COMPUTED * (1.4 if frame.left_right else 1.0) * around
-        + _ENLARGED * pixels * stream.picture.at_half_size
-        + _SLICED * (1 + len(frame.parts) / 4) * _samples_sliced(frame, tiles, plan)
-        + _BEHIND * full_size * edges * max(map(abs, frame.ends))
+        pixels * frame.views
+        + _COMPUTED * (1.4 if frame.settings.left_right else 1.0) * around
+        + _ENLARGED * pixels * stream.at_half_size
+        + _SLICED * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
+        + _BEHIND * full_size * edges * max(map(abs, frame.content.ends))
     )
-    slices, count = len(frame.radii), len(frame.grid.tiles)
+    slices, count = len(frame.slices.radii), len(frame.grid.tiles)
     return Cost(slices, count, 2 * slices * count, seen, _PICTURE + samples * work)
 
 
@@ -88,20 +88,20 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
         threads: That compute.
         at_once: Regions computed at once at most.
     """
-    frame, channels = stream.frame, stream.picture.image.shape[0]
+    frame, channels = stream.frame, stream.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size
     pixels = frame.box.area
     grids = _computed(stream)
     at_once = max(1, min(at_once, len(grids)))
-    copies = _COPIES + _HIDDEN_COPIES * frame.edges + _VIEW_COPIES * frame.left_right
+    copies = (
+        _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
+    )
     region = max((_around(frame, grid).area for grid in grids), default=0) * sample * copies
     result = max((grid.box.area for grid in grids), default=0)
-    result *= (channels * (3 if frame.left_right else 1) + 1) * size * (1 + AHEAD * (threads > 1))
-    coarse = pixels * sample * frame.edges * 0.7
-    enlarged = (
-        3 * stream.picture.at_half_size * pixels * sample * isinstance(stream.picture.image, Tensor)
-    )
+    result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
+    coarse = pixels * sample * frame.content.edges * 0.7
+    enlarged = 3 * stream.at_half_size * pixels * sample * isinstance(stream.image, Tensor)
     spectra = 2 * _bytes_of_spectra(frame)
     repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
     whole = _FIXED + coarse + enlarged + spectra + repaired
@@ -116,7 +116,7 @@ def cells_bytes(shape: tuple[int, ...]) -> float:
 
 def _computed(stream: Stream) -> list[Grid]:
     """The regions that are no copies, cut to what is blurred."""
-    frame, radius = stream.frame, stream.picture.signed_radius
+    frame, radius = stream.frame, stream.signed_radius
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = (blurred_part(frame, grid, radius) for grid in every)
     return [part for part in parts if part]
@@ -133,8 +133,10 @@ def _looked_at(frame: Frame, radius: Pixels) -> tuple[Tensor, int]:
     rows = max(1, _STRIP // width // BLOCK) * BLOCK
     for first in range(0, height, rows):
         band = radius[first : first + rows].detach()
-        blocks.append(blocks_of(position(band.to(frame.dtype), frame.radii), len(frame.radii)))
-        if frame.edges:
+        blocks.append(
+            blocks_of(position(band.to(frame.dtype), frame.slices.radii), len(frame.slices.radii))
+        )
+        if frame.content.edges:
             least, most = (extreme_around(band, 1, end) for end in (torch.minimum, torch.maximum))
             edges += int((most - least > EDGE).sum())
     return torch.cat(blocks, 1), edges
@@ -145,7 +147,7 @@ def _samples_sliced(frame: Frame, tiles: list[Box], plan: list[list[int]]) -> fl
     total = 0.0
     for tile, rungs in zip(tiles, plan, strict=True):
         for rung in rungs:
-            window = frame.windows[rung]
+            window = frame.slices.visible.windows[rung]
             if window.margin:
                 step, margin = 1 << window.halvings, 2 * window.margin
                 total += (tile.height / step + margin) * (tile.width / step + margin)
@@ -154,8 +156,12 @@ def _samples_sliced(frame: Frame, tiles: list[Box], plan: list[list[int]]) -> fl
 
 def _bytes_of_spectra(frame: Frame) -> float:
     """Bytes of the spectra of the kernels of all slices, visible and hidden."""
-    invented = frame.invented.windows[:: frame.invented.stride] if frame.edges else []
-    sizes = (window.size for window in [*frame.windows, *invented] if window.margin)
+    slices, invented = frame.slices, frame.slices.invented
+    hidden = invented.windows[:: invented.stride] if frame.content.edges else []
+    sizes = (window.size for window in [*slices.visible.windows, *hidden] if window.margin)
     return float(
-        sum(2 * h * (w // 2 + 1) * len(frame.parts) * frame.dtype.itemsize for h, w in sizes)
+        sum(
+            2 * h * (w // 2 + 1) * len(frame.division.parts) * frame.dtype.itemsize
+            for h, w in sizes
+        )
     )

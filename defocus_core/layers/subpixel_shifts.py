@@ -18,7 +18,6 @@ from torch import Tensor
 from defocus_core.images.box import Box
 from defocus_core.layers.ladder import SHARP, SOFT
 from defocus_core.optics.aperture import LEFT, Aperture, Part
-from defocus_core.optics.pupil_moments import centroid, first_moments
 
 # Radii in px of slices whose shifts are made up for; beyond, what is missing is less than 0.03 px.
 NEAR = 2.0
@@ -33,8 +32,8 @@ _SAME = 0.513
 @lru_cache(maxsize=64)
 def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[float, ...]:
     """The radii of slices in px by which their left halves are shifted."""
-    whole = centroid(aperture, LEFT)[0]
-    return tuple(first_moments(r, aperture, LEFT)[0] / whole if abs(r) < NEAR else r for r in radii)
+    whole = aperture.centroid(LEFT)[0]
+    return tuple(aperture.first_moments(r, LEFT)[0] / whole if abs(r) < NEAR else r for r in radii)
 
 
 class Shifts:
@@ -66,7 +65,7 @@ class Shifts:
         self._apparent = places.new_tensor(_apparent(radii, aperture))
         # up to there pixels have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
-        centroids = [centroid(aperture, part) for part in parts]
+        centroids = [aperture.centroid(part) for part in parts]
         # x, and y where it makes a difference
         dims = 1 if all(abs(y) < _LEVEL for _, y in centroids) else 2
         self._centroids = places.new_tensor(centroids)[:, :dims]
