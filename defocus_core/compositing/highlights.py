@@ -42,10 +42,11 @@ def threshold(brightness: Ranks, most: float) -> float:
         brightness: The brightness of all pixels of the frame.
         most: The greatest brightness.
     """
+    most = max(most, 0.0)  # negative light is never a highlight, nor twice as much of it a bound
     rank = max(1, int(_ORDINARY * brightness.total))
     if brightness.about(rank)[0] >= most / _BRIGHTER:
         return most
-    ordinary = brightness.exactly(rank)
+    ordinary = max(brightness.exactly(rank), 0.0)
     return most if ordinary >= most / _BRIGHTER else _BRIGHTER * ordinary
 
 

@@ -64,7 +64,7 @@ def repaired(
 
 
 def diagnose_depth(
-    signed_radius: Tensor, infinity: float | None = None, threads: int = 1
+    signed_radius: Pixels, infinity: float | None = None, threads: int = 1
 ) -> DepthRepair:
     """The repair that a depth map needs before it is rendered.
 
@@ -73,8 +73,9 @@ def diagnose_depth(
         infinity: As for `render`.
         threads: Number of bands of rows examined at once.
     """
+    hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
-        return _diagnosed(signed_radius, infinity, threads, hold=True)[1]
+        return _diagnosed(signed_radius, infinity, threads, hold=hold)[1]
 
 
 def _diagnosed(
