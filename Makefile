@@ -6,7 +6,7 @@
 #
 # Each first makes .venv and installs into it what is missing. Variables:
 #   PYTHON=python3.12       the Python to make .venv with
-#   ARGS="-n 2 -k lens"     words for pytest
+#   ARGS="-n 0 -k lens"     words for pytest, which runs two processes by default
 
 PYTHON ?= python3
 ARGS ?=
@@ -37,7 +37,7 @@ check: $(STAMP)
 	$(RUN) mypy
 
 test: check
-	$(RUN) pytest $(ARGS)
+	$(RUN) pytest -n 2 $(ARGS)
 
 bench: $(STAMP)
 	.venv/bin/defocus bench

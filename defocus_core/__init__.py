@@ -13,6 +13,7 @@ from defocus_core.depth.conversion import (
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
+from defocus_core.engine.settings import Settings
 from defocus_core.evaluation import baselines, metrics
 from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.evaluation.law_checks import Check, Setting
@@ -22,7 +23,6 @@ from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
-from defocus_core.images.tiling import TILE
 from defocus_core.images.views import Views
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
@@ -40,7 +40,6 @@ __all__ = [
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
-    "TILE",
     "Aperture",
     "Behind",
     "Check",
@@ -55,6 +54,7 @@ __all__ = [
     "RandomDefocus",
     "Scenery",
     "Setting",
+    "Settings",
     "Stream",
     "UnreachableTolerance",
     "Views",

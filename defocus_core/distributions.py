@@ -1,8 +1,8 @@
 """Distributions that options of a lens are drawn from, and draws that can be repeated.
 
 A draw depends on its keys and the name of the option, and on nothing else: not on other options,
-other pictures, the machine or the process. Numbers have six digits, so that the rounding of one
-machine's logarithm does not tell.
+other pictures, the machine or the process. Numbers have six digits, so that machines whose
+logarithms round differently draw the same.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any
 
-# How often a lens is drawn for a picture until one suits it.
+# Greatest number of lenses drawn for a picture until one suits it.
 ATTEMPTS = 100
 
 # The number at a share in [0, 1) of the range from low to high.
@@ -28,7 +28,7 @@ KINDS = (*_RANGES, "choice")
 
 @dataclass(frozen=True)
 class Distribution:
-    """What an option is drawn from.
+    """The distribution of an option.
 
     Attributes:
         kind: "uniform"; "loguniform", uniform in the logarithm; "disparity", uniform in 1/distance;
@@ -42,7 +42,7 @@ class Distribution:
     values: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        """Refuse what nothing can be drawn from.
+        """Check the kind and the values.
 
         Raises:
             ValueError: If the kind is unknown, or the values do not suit it.
@@ -82,7 +82,7 @@ def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
 
     Args:
         options: The options by name.
-        keys: What decides the draw, such as a seed, the name of a picture and a number.
+        keys: They decide the draw, such as a seed, the name of a picture and a number.
     """
     return {
         name: option.at(_share(*keys, name)) if isinstance(option, Distribution) else option
@@ -91,7 +91,7 @@ def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
 
 
 def _share(*keys: object) -> float:
-    """A number in [0, 1), as good as random, that the keys decide."""
+    """A pseudo-random number in [0, 1) that depends on the keys alone."""
     text = "\0".join(map(str, keys))
     digest = blake2b(text.encode("utf-8", "surrogateescape"), digest_size=8).digest()
     return (int.from_bytes(digest) >> 11) / 2**53

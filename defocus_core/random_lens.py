@@ -14,27 +14,16 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.depth.repair import DEPTH_REPAIRS
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
+from defocus_core.engine.settings import Settings
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.views import Views, batch
-from defocus_core.layers.quality import find
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.thin_lens import bad_depth
 from defocus_core.render import render
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import (
-    dense,
-    described,
-    flag,
-    is_picture,
-    number,
-    numbers,
-    one_of,
-    positive,
-    whole,
-)
+from defocus_core.runtime.validation import depth_maps, described, number, positive
 
 Option = float | Distribution
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))
@@ -89,7 +78,7 @@ class RandomDefocus(torch.nn.Module):
         depth_repair: str = "auto",
         threads: int = 1,
     ) -> None:
-        """Say what lenses are drawn from.
+        """Set the options that lenses are drawn from.
 
         Args:
             foclen: Focal length in mm.
@@ -98,7 +87,7 @@ class RandomDefocus(torch.nn.Module):
                 of the depth that is not sky.
             blades: Number of blades; 0 is a round aperture. Drawn by "choice".
             blade_rotation: Angle of a blade's vertex in degrees.
-            sensor_width: Width of the sensor in mm, whatever the size of the picture.
+            sensor_width: Width of the sensor in mm.
             max_radius: Greatest radius of the blur in px: a lens that exceeds it is drawn again.
                 None for no bound.
             left_right: Whether to return the dual-pixel pair too.
@@ -107,7 +96,7 @@ class RandomDefocus(torch.nn.Module):
             threads: As for `render`.
 
         Raises:
-            ValueError: If a distribution or a value makes no sense.
+            ValueError: If a distribution or a value is out of its range.
         """
         super().__init__()
         self.foclen = foclen
@@ -124,18 +113,20 @@ class RandomDefocus(torch.nn.Module):
         self._check()
 
     def _check(self) -> None:
-        """Refuse what makes no sense, at first and where an attribute was set later."""
+        """Check all options, which may have been set anew."""
         for name in _OPTIONS:
             _check_option(name, getattr(self, name))
         if self.max_radius is not None:
             self.max_radius = positive("max_radius", self.max_radius, "None is no bound")
-        flag("left_right", self.left_right)
-        find(self.quality)
-        one_of("depth_repair", self.depth_repair, DEPTH_REPAIRS)
-        self.threads = whole("threads", self.threads, "it is how many tiles are computed at once")
+        Settings(
+            quality=self.quality,
+            left_right=self.left_right,
+            threads=self.threads,
+            depth_repair=self.depth_repair,
+        )
 
     def extra_repr(self) -> str:
-        """What lenses are drawn from, as a module tells it."""
+        """The options by name, for the module's repr."""
         names = (*_OPTIONS, "max_radius", "left_right", "quality", "depth_repair", "threads")
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
@@ -150,58 +141,62 @@ class RandomDefocus(torch.nn.Module):
             seeds: A whole number for each picture, or a generator to draw them from.
 
         Returns:
-            The pictures, and the lenses that took them.
+            The views of the pictures, and their lenses.
 
         Raises:
             ValueError: If shapes disagree, a depth is NaN or not positive, or no lens drawn for a
                 picture suits it: the focus is too near, or the blur exceeds `max_radius`.
         """
         self._check()
-        planes = _planes(image, depth)
-        numbers = _seeds(seeds, len(image))
-        lenses = [self._draw(*pair) for pair in zip(planes, numbers, strict=True)]
-        thin_lenses = [_thin(lens, planes.shape[1:]) for lens in lenses]
-        radii = [thin.signed_radius(plane) for thin, plane in zip(thin_lenses, planes, strict=True)]
-        taken = [
-            render(
-                picture,
-                radius,
-                aperture=Aperture(lens["blades"], lens["blade_rotation"]),
-                quality=self.quality,
-                left_right=self.left_right,
-                threads=self.threads,
-                infinity=thin.radius_at_infinity(),
-                depth_repair=self.depth_repair,
+        maps = depth_maps(image, depth, torch.float32, image.device)
+        if not bool((maps > 0).all()):
+            raise bad_depth("depth", maps, maps > 0, "positive")
+        drawings = [self._draw(*pair) for pair in zip(maps, _seeds(seeds, len(image)), strict=True)]
+        radii, views = [], []
+        for pixels, depth_map, (options, lens) in zip(image, maps, drawings, strict=True):
+            radii.append(lens.signed_radius(depth_map))
+            views.append(
+                render(
+                    pixels,
+                    radii[-1],
+                    aperture=Aperture(options["blades"], options["blade_rotation"]),
+                    quality=self.quality,
+                    left_right=self.left_right,
+                    threads=self.threads,
+                    infinity=lens.radius_at_infinity(),
+                    depth_repair=self.depth_repair,
+                )
             )
-            for picture, radius, lens, thin in zip(image, radii, lenses, thin_lenses, strict=True)
-        ]
         columns = {
-            name: torch.tensor([lens[name] for lens in lenses], dtype=torch.float64, device="cpu")
+            name: torch.tensor(
+                [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"
+            )
             for name in _OPTIONS
         }
-        return batch(taken), Lenses(torch.stack(radii)[:, None], **columns)
+        return batch(views), Lenses(torch.stack(radii)[:, None], **columns)
 
-    def _draw(self, depth: Tensor, seed: int) -> dict[str, Any]:
-        """The first lens drawn by a seed that suits a depth map [H, W]: its options by name."""
-        options = {name: getattr(self, name) for name in _OPTIONS}
+    def _draw(self, depth: Tensor, seed: int) -> tuple[dict[str, Any], DefocusLens]:
+        """The first lens drawn by a seed that suits a depth map [H, W], and its options by name."""
+        choices = {name: getattr(self, name) for name in _OPTIONS}
         depth = depth.detach()
         extremes = torch.stack([depth.min(), depth.max()]).double()[None]
         problem = ""
         for attempt in range(ATTEMPTS):
-            lens = drawn(options, seed, attempt)
+            options = drawn(choices, seed, attempt)
             if getattr(self.foc_dist, "kind", "") == "percentile":
                 with own_modes(depth.device):
-                    foc_dist = depth_percentile(lambda: [depth], lens["foc_dist"], depth.dtype)
-                lens["foc_dist"] = math.inf if foc_dist is None else foc_dist
-            if not lens["foc_dist"] > lens["foclen"]:
+                    foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
+                options["foc_dist"] = math.inf if foc_dist is None else foc_dist
+            if not options["foc_dist"] > options["foclen"]:
                 problem = (
                     "depth must be farther in focus than the focal length, got "
-                    f"{lens['foc_dist']:g} mm for {lens['foclen']:g} mm"
+                    f"{options['foc_dist']:g} mm for {options['foclen']:g} mm"
                 )
                 continue
-            radius = float(_thin(lens, depth.shape).signed_radius(extremes).abs().max())
+            lens = _lens_with(options, depth.shape)
+            radius = float(lens.signed_radius(extremes).abs().max())
             if self.max_radius is None or radius <= self.max_radius:
-                return lens
+                return options, lens
             problem = f"max_radius must allow some lens, got {self.max_radius:g} for {radius:g} px"
         raise ValueError(
             f"{problem} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is in mm, "
@@ -210,7 +205,7 @@ class RandomDefocus(torch.nn.Module):
 
 
 def _check_option(name: str, option: Option) -> None:
-    """Refuse an option that no value of it makes a lens."""
+    """Check each value that an option of a lens may have."""
     kind = option.kind if isinstance(option, Distribution) else "number"
     if kind in ("disparity", "percentile") and name != "foc_dist":
         raise ValueError(f"{name} must not be drawn from a {kind}; it is for foc_dist only")
@@ -225,51 +220,25 @@ def _check_option(name: str, option: Option) -> None:
             positive(name, value, "in mm, or a Distribution")
 
 
-def _thin(lens: dict[str, Any], size: torch.Size) -> DefocusLens:
-    """A lens before a sensor of so many (height, width) px."""
+def _lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
+    """The lens of some options before a sensor of (height, width) px."""
     height, width = size
-    sensor = (lens["sensor_width"], lens["sensor_width"] * height / width)
-    thin = DefocusLens(lens["foclen"], lens["fnum"], sensor, (width, height))
-    thin.refocus(lens["foc_dist"])
-    return thin
-
-
-def _planes(image: Tensor, depth: Tensor) -> Tensor:
-    """Depth [B, H, W], once it is known to agree with the image, and to be positive."""
-    dense("image", image)
-    if not is_picture(image, 4):
-        raise ValueError(
-            f"image must be a floating-point tensor [B, C, H, W], got {described(image)}; "
-            "one image is image[None]"
-        )
-    if not image.numel():
-        raise ValueError(
-            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
-        )
-    count, _, height, width = image.shape
-    depth = numbers("depth", depth, torch.float32, image.device)
-    planes = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
-    if planes.shape != (count, height, width):
-        raise ValueError(
-            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
-            f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
-        )
-    if not bool((planes > 0).all()):
-        raise bad_depth("depth", planes, planes > 0, "positive")
-    return planes
+    sensor = (options["sensor_width"], options["sensor_width"] * height / width)
+    lens = DefocusLens(options["foclen"], options["fnum"], sensor, (width, height), "cpu")
+    lens.refocus(options["foc_dist"])
+    return lens
 
 
 def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:
+    """A whole number for each picture, as given or from a generator."""
     if isinstance(seeds, torch.Generator):
-        device = seeds.device
-        drawn = torch.randint(2**63 - 1, (count,), generator=seeds, device=device)
-        return [int(seed) for seed in drawn]
+        seeds = torch.randint(2**63 - 1, (count,), generator=seeds, device=seeds.device)
     wanted = f"seeds must be one whole number for each picture, a list of {count}"
     remedy = "the indices of the samples will do"
     try:
-        found = [index(seed) for seed in seeds]
+        whole = [index(seed) for seed in seeds]
     except TypeError:
         raise ValueError(f"{wanted}, got {described(seeds)}; {remedy}") from None
-    if len(found) != count:
-        raise ValueError(f"{wanted}, got one of {len(found)}; {remedy}")
-    return found
+    if len(whole) != count:
+        raise ValueError(f"{wanted}, got one of {len(whole)}; {remedy}")
+    return whole

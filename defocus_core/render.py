@@ -12,13 +12,13 @@ from torch import Tensor
 
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import assembled
+from defocus_core.engine.settings import Settings
 from defocus_core.images.views import Views, batch
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
-from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import dense, described, is_picture, numbers
+from defocus_core.runtime.validation import check_image, dense, described, numbers
 
 
 def render(
@@ -44,9 +44,9 @@ def render(
     nothing is invented: each half of the aperture is divided by the share of it that saw the
     frame.
 
-    Where gradients are wanted, a region and each tile are computed again in the backward pass: it
-    takes half as long again, and the memory of the pictures and of one region: 440 MB at 960×540,
-    780 MB at 1080p.
+    Where gradients are wanted, each region and its tiles are computed again in the backward pass.
+    This takes half as long again, but only the memory of the pictures and of one region: 440 MB at
+    960×540, 780 MB at 1080p.
 
     Args:
         image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
@@ -54,22 +54,22 @@ def render(
         aperture: The pupil, a round one by default.
         quality: "draft", "standard", "high" or "reference": spacing of slices, parts of the
             aperture. A draft is rendered at half of the size, its tiles and slices too, unless
-            `num_layers` or `psf_ks` is given; what is in focus gets its detail back.
+            `num_layers` or `psf_ks` is given; pixels in focus get their detail back.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the ladder of the quality.
         hidden: The surface behind the visible one where it is known, shaped as the image and the
-            radius; elsewhere it is continued from what lies farther.
+            radius; elsewhere it is continued from farther surfaces.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once. With more than one, torch itself should use one thread
             (torch.set_num_threads(1)).
-        tile: Px on a side of a tile, or cells of two px in a draft, 16 at least; another changes
-            results in the last digits.
-        infinity: Signed radius in px of what is infinitely far: by it averages of distance are
-            told from averages of disparity where depth is anti-aliased. None takes all for the
-            latter.
+        tile: Side of a tile in px, or in cells of two px in a draft, 16 at least; another side
+            changes results in the last digits.
+        infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
+            distinguishes averages of distance from averages of disparity. None takes all for
+            averages of disparity.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
-            "off" takes it as it is given.
+            "off" leaves it as it is.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -80,26 +80,23 @@ def render(
         ValueError: If shapes do not match, a radius or a pixel is not finite, an option is out of
             its range, or a CoC does not fit psf_ks.
     """
-    settings = find(quality)
+    settings = Settings(
+        aperture=Aperture() if aperture is None else aperture,
+        quality=quality,
+        left_right=left_right,
+        num_layers=num_layers,
+        psf_ks=psf_ks,
+        threads=threads,
+        tile=tile,
+        infinity=infinity,
+        depth_repair=depth_repair,
+    )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
         with own_modes(pixels.device):
-            picture = Picture(
-                pixels,
-                radius,
-                aperture=Aperture() if aperture is None else aperture,
-                quality=settings,
-                left_right=left_right,
-                num_layers=num_layers,
-                psf_ks=psf_ks,
-                hidden=known,
-                threads=threads,
-                tile=tile,
-                infinity=infinity,
-                depth_repair=depth_repair,
-            )
+            picture = Picture(pixels, radius, settings, known)
             parts = picture.parts(progress=progress)
             views.append(assembled(picture.frame, pixels, parts))
     return batch(views) if image.dim() == 4 else views[0]
@@ -107,16 +104,7 @@ def render(
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     """[B, C, H, W] pixels and [B, H, W] radii."""
-    dense("image", image)
-    if not is_picture(image, 3, 4):
-        raise ValueError(
-            "image must be a tensor [B, C, H, W] or [C, H, W] of floats, got "
-            f"{described(image)}; decode integers to linear light first"
-        )
-    if not image.numel():
-        raise ValueError(
-            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
-        )
+    check_image(image, alone=True)
     signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
     pixels = image.reshape(-1, *image.shape[-3:])
     count, size = pixels.shape[0], pixels.shape[-2:]
@@ -130,7 +118,7 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list[Behind | None]:
-    """What is known behind each picture."""
+    """The known layer behind each picture."""
     if hidden is None:
         return [None] * len(pictures)
     tensors = isinstance(hidden, tuple) and all(isinstance(x, Tensor) for x in hidden)

@@ -10,7 +10,7 @@ from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.samples import Samples
 from defocus_cli.formats.exr import Part, read_parts
 from defocus_cli.formats.exr_channels import (
-    DepthChannel,
+    ChannelGroup,
     NoDepthChannel,
     channels_of,
     choose_depth,
@@ -60,7 +60,7 @@ def exr_samples(path: Path, reading: DepthReading, keeping: Keeping) -> Samples:
     )
 
 
-def _chosen(path: Path, headers: Sequence[Header], reading: DepthReading) -> DepthChannel:
+def _chosen(path: Path, headers: Sequence[Header], reading: DepthReading) -> ChannelGroup:
     row, named = reading.row, reading.depth_channel
     if named is None and (row.channels or row.plane is not None):
         every = channels_of(path, headers, reading.part)
@@ -77,7 +77,7 @@ def _chosen(path: Path, headers: Sequence[Header], reading: DepthReading) -> Dep
         raise NoDepthChannel(path, error.problem, remedy) from None
 
 
-def _by_pattern(row: DepthFormat, every: Sequence[DepthChannel]) -> DepthChannel | None:
+def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:
     if row.plane is not None:
         return every[row.plane]
     for pattern in row.channels:
@@ -87,7 +87,7 @@ def _by_pattern(row: DepthFormat, every: Sequence[DepthChannel]) -> DepthChannel
     return None
 
 
-def _alpha(chosen: DepthChannel) -> str | None:
+def _alpha(chosen: ChannelGroup) -> str | None:
     """Name of the alpha channel beside a depth channel, None if there is none."""
     names = {channel.name for channel in chosen.header.channels}
     layer = chosen.name.rpartition(".")[0]

@@ -15,8 +15,15 @@ from typing import Any
 from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS
 from defocus_cli.depth_formats.table import NAMES, UNITS
 from defocus_cli.jobs.job import Reading
-from defocus_cli.jobs.lens_options import text_of
-from defocus_cli.jobs.quantities import QuantityError, angle, length, number, pixel_count
+from defocus_cli.jobs.quantities import (
+    QuantityError,
+    angle,
+    length,
+    number,
+    pixel_count,
+    read_at,
+    text_of,
+)
 from defocus_cli.jobs.toml_file import read_toml
 from defocus_cli.system.errors import UsageProblem, did_you_mean
 
@@ -168,7 +175,4 @@ def _parsed(name: str, value: object, where: str) -> Any:
         raise UsageProblem(
             where, f"{str(value).lower()} is no value of it", "see 'defocus help depth'"
         )
-    try:
-        return PARSERS[name](text_of(value))
-    except QuantityError as error:
-        raise UsageProblem(where, error.problem, error.remedy) from None
+    return read_at(where, PARSERS[name], text_of(value))

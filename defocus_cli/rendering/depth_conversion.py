@@ -98,7 +98,7 @@ def convert(place: Place, reading: Reading) -> Converted:
     import numpy as np
 
     from defocus_cli.depth_formats.depth import read_depth, require_valid
-    from defocus_cli.formats.encode import write_map
+    from defocus_cli.formats.exr import write_exr
 
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"
@@ -118,7 +118,7 @@ def convert(place: Place, reading: Reading) -> Converted:
     }
     range_m = (min(ends), max(ends)) if ends else None
     with written_together():
-        write_map(place.out, depth.metres, "Z", attributes=attributes)
+        write_exr(place.out, {"Z": depth.metres}, attributes)
         if place.preview is not None:
             _write_preview(place.preview, depth, range_m)
     return Converted(place, depth, range_m, sky)

@@ -28,7 +28,7 @@ def version() -> str:
 def say(line: str) -> None:
     """One line on stderr, above the progress bar if there is one."""
     line = printable(line)
-    # Words that find no ear are no reason to lose the picture.
+    # A closed stderr is no reason to lose the picture.
     with spoken(), suppress(OSError):
         if "tqdm" in sys.modules and sys.stderr is not None:
             sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
@@ -46,6 +46,12 @@ def tell(line: str) -> None:
     _print(printable(line))
 
 
+class Due:
+    """Whether the command that runs has yet to print a JSON document."""
+
+    json = False
+
+
 def print_json(**document: Any) -> None:
     """One JSON document on stdout, which names the version first.
 
@@ -53,6 +59,7 @@ def print_json(**document: Any) -> None:
         InputError: it cannot be written.
         BrokenPipeError: who read it has gone.
     """
+    Due.json = False
     _print(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
 
 

@@ -1,7 +1,7 @@
 """Ctrl-C, and the signals that end a process.
 
-Ctrl-C pressed once finishes what has been begun; pressed again, it stops all. SIGTERM and SIGHUP
-stop all at once, as who sends them may not wait: nothing half-written is left.
+The first Ctrl-C lets the pictures that have been begun be finished; the second one stops at once.
+SIGTERM and SIGHUP stop at once, since their sender may not wait: no file is left half written.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 from defocus_cli.system import console
@@ -43,7 +43,7 @@ def terminations() -> Iterator[None]:
             signal.signal(other, signal.SIG_IGN)
         raise Terminated(number)
 
-    # What nohup has switched off stays off.
+    # A signal that nohup ignores stays ignored.
     before = [number for number in _ENDING if signal.getsignal(number) == signal.SIG_DFL]
     for number in before:
         signal.signal(number, end)
@@ -56,13 +56,13 @@ def terminations() -> Iterator[None]:
 
 @contextmanager
 def put_off() -> Iterator[None]:
-    """Put signals off to the end: an import they hit swallows them, or leaves half a module."""
+    """Delay signals to the end: an import that they interrupt loses them, or half a module."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    arrived: list[int] = []
     before = {
-        number: signal.signal(number, lambda number, _: came.append(number))
+        number: signal.signal(number, lambda number, _: arrived.append(number))
         for number in (signal.SIGINT, *_ENDING)
     }
     try:
@@ -70,7 +70,7 @@ def put_off() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    for number in came:
+    for number in arrived:
         signal.raise_signal(number)
 
 
@@ -91,12 +91,7 @@ class Interrupts:
             self._before = signal.signal(signal.SIGINT, self._pressed)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.images.box import Box
-from defocus_core.optics.aperture import Aperture, Part, kernel
+from defocus_core.optics.aperture import Aperture, Part
 
 # Number of kernels cached for further frames, more than a picture has slices.
 _KEPT = 256
@@ -71,7 +71,7 @@ def _kernel(radius: float, extent: int, aperture: Aperture, part: Part, leaning:
     """The kernel of one part, [1 or 3, S, S]; cached, for all frames use the same radii."""
     with torch.inference_mode(False):  # it is cached for calls that need gradients, too
         r = torch.tensor(radius, dtype=torch.float64, device="cpu")
-        plain = kernel(r, 2 * extent + 1, aperture, part)[None]
+        plain = aperture.kernel(r, 2 * extent + 1, part)[None]
         return torch.cat([plain, plain * _lens_points(r, extent)]) if leaning else plain
 
 

@@ -20,7 +20,7 @@ from defocus_core.blur.fourier import reach
 from defocus_core.compositing.disc_occlusion import Obstruction, Squares
 from defocus_core.compositing.highlights import Highlights
 from defocus_core.images.box import Box
-from defocus_core.optics.aperture import Aperture, Part, kernel
+from defocus_core.optics.aperture import Aperture, Part
 
 # Samples drawn at once: bounds memory.
 _SAMPLES = 1 << 18
@@ -76,7 +76,7 @@ def draw(
         squares = Squares.of(alike.extent)
         rims, cut = [], []
         for part in parts:
-            one = kernel(alike.radii, 2 * alike.extent + 1, aperture, part)
+            one = aperture.kernel(alike.radii, 2 * alike.extent + 1, part)
             rims.append(_Rim(one))
             cut.append(squares.cut(one))
         lit = torch.stack([(one != 0).any(-1).any(-1) for one in cut])  # [M, U, across, across]

@@ -1,8 +1,9 @@
 """Drafts: a picture at half size, in cells of two by two px.
 
-Colours of a cell are means, as those of a pixel are. Where a depth edge runs through it, the
-surface that holds more of it gives its radius; the nearer one, if two hold half each. But the light
-of a pixel much brighter than the others belongs where that pixel is.
+The colour of a cell is the mean of its pixels. Where a depth edge runs through a cell, its radius
+is that of the surface that has more of its pixels, and of the nearer one if both have two. But if a
+pixel is much brighter than the others, the cell has the radius of this pixel, for most of its light
+comes from there.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ from defocus_core.images.source import Pixels
 from defocus_core.images.sparse_masks import exceeding, places_of
 from defocus_core.inpainting.known_layer import Behind
 
-# Px of radius by which the pixels of a cell may differ and still show one surface.
+# Greatest difference of radii in px within one surface in a cell.
 _STEEP = 1.013
-# How many times as bright as the others together a pixel of a cell is that gives its radius.
+# A pixel this many times as bright as the other three together gives the cell its radius.
 _BRIGHTER = 4.0
 _EVEN = (False, False)
 
 
 class HalfSize(Derived):
-    """Cells [..., ceil(H / 2), ceil(W / 2)]."""
+    """Cells [..., ceil(H / 2), ceil(W / 2)] of pictures, merged when they are cut."""
 
     def __init__(self, merge: Callable[..., Tensor], *pictures: Pixels) -> None:
-        """Nothing is looked at yet.
+        """Keep the pictures.
 
         Args:
             merge: Makes cells [..., h, w] of the px [..., 2 h, 2 w] of each picture.
-            pictures: [..., H, W], computed with in float32 at least.
+            pictures: [..., H, W]; `merge` gets them in float32 at least.
         """
         self._merge, self._pictures = merge, pictures
         H, W = pictures[0].shape[-2:]
@@ -44,79 +45,86 @@ class HalfSize(Derived):
         self.dtype, self.device = first.dtype, first.device
 
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """Cells from the first to before the end."""
+        """The window [rows, columns] of cells, each from the first to before the end."""
         down, across = (slice(2 * first, 2 * max(end, first)) for first, end in (rows, columns))
         return self._merge(*(_evened(x[..., down, across]) for x in self._pictures))
 
 
 def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hold: bool) -> Pixels:
-    """Cells of pictures, `held` or made whenever they are asked for.
+    """Cells of pictures, `held` or merged whenever they are cut.
 
     Args:
         merge: As for `HalfSize`.
-        pictures: The same.
-        threads: Bands that are made at once.
-        hold: Whether there is room for them.
+        pictures: As for `HalfSize`.
+        threads: Number of bands merged at once.
+        hold: Whether there is room for the cells.
     """
     return held(HalfSize(merge, *pictures), *pictures, threads=threads, hold=hold)
 
 
 def behind_at_half_size(behind: Behind, threads: int, *, hold: bool) -> Behind:
-    """What is known behind a frame, in cells, with a channel more that is 0."""
+    """A known layer in cells, with one more channel of 0."""
     color, radius, mask = behind
-    made = partial(half_size, threads=threads, hold=hold)
+    cells = partial(half_size, threads=threads, hold=hold)
     return Behind(
-        made(_known_means, color, mask),
-        made(_known_radii_in_cells, radius, mask),
-        made(_any_known, mask),
+        cells(_known_means, color, mask),
+        cells(_known_radii_in_cells, radius, mask),
+        cells(_any_known, mask),
     )
 
 
 def radii_in_cells(signed_radius: Tensor, pixels: Tensor) -> Tensor:
-    """Radii in cells of what cells [h, w] show, of px [2 h, 2 w] and [C, 2 h, 2 w]."""
+    """`surface_radii` in cells."""
     return surface_radii(signed_radius, pixels) / 2
 
 
 def means(values: Tensor) -> Tensor:
-    """Of px [..., 2 h, 2 w] in cells [..., h, w]."""
+    """The mean [..., h, w] of each cell, of px [..., 2 h, 2 w]."""
     return halved(values, _EVEN) / 4
 
 
 def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
-    """Radii in px of the surfaces of cells [h, w], of px [2 h, 2 w] and [C, 2 h, 2 w]."""
-    least, most = (_picked(signed_radius.detach(), pick) for pick in (torch.minimum, torch.maximum))
-    y, x = places_of(exceeding(most.sub_(least), _STEEP)).unbind(1)
-    some = torch.stack([corner[y, x] for corner in _corners(signed_radius)])
+    """Radii [h, w] in px of the surfaces that cells show.
+
+    Args:
+        signed_radius: [2 h, 2 w] px.
+        pixels: [C, 2 h, 2 w].
+    """
+    radii = torch.stack(_corners(signed_radius))
+    steps = radii.detach().amax(0).sub_(radii.detach().amin(0))
+    y, x = places_of(exceeding(steps, _STEEP)).unbind(1)
+    radii = radii[:, y, x]
     light = torch.stack([corner[:, y, x].amax(0) for corner in _corners(pixels.detach())])
     brightest = light.amax(0)
     lone = brightest > _BRIGHTER * (light.sum(0) - brightest)
-    counts = torch.where(lone, (light == brightest).to(some), 1.0)
-    return means(signed_radius).index_put((y, x), _of_most(some, counts))
+    counts = torch.where(lone, (light == brightest).to(radii), 1.0)
+    return means(signed_radius).index_put((y, x), _of_most(radii, counts))
 
 
 def _known_means(color: Tensor, known: Tensor) -> Tensor:
-    """Means of the px that are known, 0 where none is, and a channel more that is 0."""
+    """Means of the known px of each cell, 0 where none is known; and one more channel of 0."""
     count = halved(known.to(color.dtype), _EVEN)
     cells = halved(torch.where(known.bool(), color, 0.0), _EVEN) / count.clamp(min=1)
     return torch.cat([cells, torch.zeros_like(cells[:1])])
 
 
 def _known_radii_in_cells(signed_radius: Tensor, known: Tensor) -> Tensor:
-    """The same of the px that are known, 0 where none is."""
+    """Radii in cells of the known surfaces of cells; 0 where no pixel is known."""
     radii, share = (torch.stack(_corners(x)) for x in (signed_radius, known.to(signed_radius)))
     return _of_most(torch.where(share > 0, radii, 0.0), share) / 2
 
 
 def _any_known(known: Tensor) -> Tensor:
+    """Whether a pixel of each cell is known."""
     return halved(known.float(), _EVEN) > 0
 
 
 def _of_most(radii: Tensor, share: Tensor) -> Tensor:
-    """Of radii [4, ...] px the mean [...] of those on one surface: that of most of them.
+    """The mean radius [...] in px of the surface that has most of the pixels of a cell.
 
     Args:
-        radii: Px.
-        share: [4, ...], 1 for those that count, 0 for the others.
+        radii: [4, ...] px of the pixels.
+        share: [4, ...], 1 for the pixels that count, 0 for the others.
     """
     least = torch.where(share > 0, radii, torch.inf).amin(0).detach()
     most = torch.where(share > 0, radii, -torch.inf).amax(0).detach()
@@ -126,19 +134,13 @@ def _of_most(radii: Tensor, share: Tensor) -> Tensor:
     return (radii * chosen).sum(0) / chosen.sum(0).clamp(min=1)
 
 
-def _picked(px: Tensor, pick: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    """What is picked of the four px [2 h, 2 w] of each cell: rows first, for they lie together."""
-    rows = pick(px[::2], px[1::2])
-    return pick(rows[:, ::2], rows[:, 1::2])
-
-
 def _corners(px: Tensor) -> list[Tensor]:
-    """The four px [..., h, w] of each cell."""
+    """The upper left, upper right, lower left and lower right px [..., h, w] of each cell."""
     return [px[..., y::2, x::2] for y in (0, 1) for x in (0, 1)]
 
 
 def _evened(px: Tensor) -> Tensor:
-    """Px [..., H, W] to compute with, the last ones repeated where their number is odd."""
+    """Px [..., H, W] in float32 at least, the last row or column repeated if its number is odd."""
     if px.dtype != torch.bool:
         px = px.to(torch.promote_types(px.dtype, torch.float32))
     if px.shape[-2] % 2:

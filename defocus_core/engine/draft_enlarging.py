@@ -1,7 +1,7 @@
-"""Drafts: a picture of half size enlarged from cells to px.
+"""Drafts: a rendered picture of half size enlarged from cells to pixels.
 
-Beside its colours each cell is rendered with the share that its blur leaves of detail: how much of
-that is shown in the end tells what nearer surfaces hide of it.
+Beside its colours each cell is rendered with the share of detail that its blur leaves. The part of
+this share that is shown afterwards gives the share of detail that nearer surfaces hide.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.compositing.saturating_sum import pair_of
-from defocus_core.engine.draft_cells import HalfSize, half_size, means
-from defocus_core.engine.draft_detail import AROUND, Given, share_left, smooth, with_detail
+from defocus_core.engine.draft_cells import HalfSize, means
+from defocus_core.engine.draft_detail import AROUND, Original, share_left, smooth, with_detail
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.region_schedule import in_rows
 from defocus_core.images.box import Box
@@ -23,59 +23,56 @@ from defocus_core.images.views import Views, added, joined
 from defocus_core.runtime.checkpointing import recomputed
 from defocus_core.runtime.threads import threaded
 
-_PX = 2  # of a cell, on a side
-# What stands for all detail of a cell beside its colours, as a share of what counts as a highlight:
-# so little that it does not tell surfaces apart.
+_PX = 2  # pixels on a side of a cell
+# Value of the channel of detail where a cell has all of it, as a share of the limit of highlights:
+# so little that it does not distinguish surfaces.
 _UNIT = 2.0**-12
-# Height and width in cells of tiles that are enlarged.
+# (height, width) in cells of tiles that are enlarged.
 _TILE = (32, 512)
-# Cells around a tile that decide what its px are.
+# Cells around a tile that decide its pixels.
 _AROUND = AROUND + 1
 
 
 class Enlarging:
-    """What cells of a picture lack of it.
+    """A picture in cells to be rendered, and its enlargement afterwards.
 
     Attributes:
-        cells: [C + 1, h, w], what is to be rendered.
+        cells: [C + 1, h, w], the cells to render: colours, and the share of detail.
     """
 
-    def __init__(
-        self, frame: Frame, image: Pixels, pixels: Pixels, signed_radius: Pixels, *, threads: int
-    ) -> None:
-        """Nothing is rendered yet.
+    def __init__(self, frame: Frame, image: Pixels, pixels: Pixels, signed_radius: Pixels) -> None:
+        """Add the channel of detail to the cells.
 
         Args:
-            frame: What holds for all cells.
+            frame: The frame in cells.
             image: [C, h, w] cells.
             pixels: [C, H, W] px of the picture.
             signed_radius: [H, W] px of the picture.
-            threads: Tiles enlarged at once.
         """
-        self._frame, self._threads = frame, threads
-        self._size = signed_radius.shape[0], signed_radius.shape[1]
+        self._frame, self._threads = frame, frame.settings.threads
+        self._frame_px = Box(0, 0, *signed_radius.shape)
+        limit = frame.content.limit
         # less than no light in a picture that has none
-        unit = self._unit = _UNIT * frame.limit if frame.limit > 0 else -1.0
-        self._of_px = (pixels, signed_radius)
+        unit = self._unit = _UNIT * limit if limit > 0 else -1.0
+        self._in_px = (pixels, signed_radius)
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * share_left(radius)[None]])
 
-        held = isinstance(image, Tensor)
-        share = half_size(share_left, signed_radius, threads=threads, hold=held)
-        if isinstance(image, Tensor) and isinstance(share, Tensor):
+        if isinstance(image, Tensor):
+            share = HalfSize(share_left, signed_radius).at_once(self._threads)
             self.cells: Pixels = torch.cat([image, unit * share[None]])
         else:
-            self.cells = HalfSize(merged, *self._of_px)
+            self.cells = HalfSize(merged, *self._in_px)
 
     def enlarged(self, parts: Iterator[Views]) -> Iterator[Views]:
-        """Tiles of px, of rendered cells; the last rows of these wait for the ones below them."""
-        done, kept = 0, list[Views]()
+        """Tiles in pixels, from regions in cells; the last rows wait for the cells below them."""
+        done, kept = 0, list[list[Views]]()
         counts: dict[str, int] = {}
         height, width = self._frame.size
         for row in in_rows(parts):
             counts = added([counts, *map(self._counts, row)])
-            cells = joined([*([each] for each in kept), [joined([row])]])
+            cells = joined([*kept, row])
             end = cells.box.sides[0].end
             ready = end if end == height else end - _AROUND
             tiles = [
@@ -88,35 +85,34 @@ class Enlarging:
                 yield part._replace(stats=counts)
                 counts = {}
             first = max(ready - _AROUND, cells.box.top)
-            done, kept = ready, [cells.within(Box(first, 0, end - first, width))]
+            done, kept = ready, [[cells.within(Box(first, 0, end - first, width))]]
 
     def _tile(self, cells: Views, tile: Box) -> Views:
-        """Some cells as px; they count nothing."""
-        wide = tile.grown(1, self._frame.box)  # for slopes of detail
+        """A tile of cells in pixels, without counts."""
+        wide = tile.grown(1, self._frame.box)  # for gradients of detail
         around = wide.grown(AROUND, self._frame.box)
-        part, here = wide.seen_from(around), cells.within(around)
-        images = torch.stack(list(here.images))
+        part, rendered = wide.seen_from(around), cells.within(around)
+        images = torch.stack(list(rendered.images))
         own = around.of(self.cells).to(images.dtype)
-        px = (self._px(wide).of(x).to(images.dtype) for x in self._of_px)
-        given = Given(own[:-1], own[-1] / self._unit, *px)
-        images = with_detail(images[:, :-1], images[:, -1] / self._unit, given, part)
-        if not self._frame.signed:
+        px = (self._px(wide).of(x).to(images.dtype) for x in self._in_px)
+        original = Original(own[:-1], own[-1] / self._unit, *px)
+        images = with_detail(images[:, :-1], images[:, -1] / self._unit, original, part)
+        if not self._frame.content.signed:
             images = images.clamp(min=0)
         if len(images) > 1:
-            pair = pair_of(*images, signed=self._frame.signed)
+            pair = pair_of(*images, signed=self._frame.content.signed)
             images = torch.cat([images[:1], pair])
         box = self._px(tile)
         inner = box.seen_from(self._px(wide))
-        trust = smooth(here.trust[None], part)[0]
+        trust = smooth(rendered.trust[None], part)[0]
         return Views(list(inner.of(images)), inner.of(trust), {}, box)
 
     def _px(self, cells: Box) -> Box:
-        """The px of cells."""
-        whole = Box(0, 0, *self._size)
-        return Box(*(_PX * n for n in cells)).grown(0, whole)
+        """The pixels of a rectangle of cells."""
+        return Box(*(_PX * n for n in cells)).grown(0, self._frame_px)
 
     def _counts(self, part: Views) -> dict[str, int]:
-        """Those of a part in cells, in px."""
+        """The counts of a part in cells, with pixels counted in pixels."""
         pixels = self._px(part.box).area
         copied = part.stats["pixels_copied"] * pixels // part.box.area
         return {**part.stats, "pixels": pixels, "pixels_copied": copied}

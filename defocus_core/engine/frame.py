@@ -1,4 +1,4 @@
-"""What all regions of one picture share: slices, windows, grid."""
+"""The frame of a picture: its size, tiles, content, slices and parts of the aperture."""
 
 from __future__ import annotations
 
@@ -8,36 +8,103 @@ from typing import NamedTuple
 import torch
 
 from defocus_core.blur.kernel_bank import Window
+from defocus_core.engine.settings import Settings
 from defocus_core.images.box import Box
 from defocus_core.images.tiling import Grid
 from defocus_core.layers.octaves import Turns
 from defocus_core.layers.quality import Quality
-from defocus_core.optics.aperture import Aperture, Part
+from defocus_core.optics.aperture import LEFT, RIGHT, Aperture, Part
 
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
 NEIGHBOURHOOD = 24
 
 
-class FillSlices(NamedTuple):
-    """How the slices of hidden surfaces are blurred.
+class Content(NamedTuple):
+    """Properties of all pixels together that decide what is computed.
 
     Attributes:
-        stride: They are every one (1) or every other (2) of those of the frame.
+        ends: Least and greatest signed radius in px of what is visible.
+        edges: Whether surfaces hide others.
+        tilted: Whether surfaces may be tilted.
+        quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
+        signed: Whether pixels are negative (colours outside the gamut).
+        limit: Brightness that a highlight exceeds.
+    """
+
+    ends: tuple[float, float]
+    edges: bool
+    tilted: bool
+    quantised: bool
+    signed: bool
+    limit: float
+
+
+class Slicing(NamedTuple):
+    """How the slices of visible, of known hidden or of invented surfaces are blurred.
+
+    Attributes:
+        stride: Whether every slice (1) or every other (2) is used.
         halvings: How many times resolution is halved before anything else.
-        windows: Of all slices of the frame, in cells of this resolution.
-        layers: The number of the layer of each: all of a window, and of one octave of blur.
-        octaves: For each layer this octave.
-        cells: Cells of this resolution that light of each spreads at most.
-        reaches: Px of the frame that each spreads.
+        windows: The window of each slice of the frame, in cells of this resolution.
+        layers: For each slice the number of its layer; slices of a layer share a window, and are of
+            one octave of blur if they are hidden.
+        cells: For each slice the greatest reach of its light in cells of this resolution.
+        reaches: For each slice the greatest reach of its light in px of the frame.
     """
 
     stride: int
     halvings: int
     windows: list[Window]
     layers: list[int]
-    octaves: dict[int, int]
     cells: list[int]
     reaches: list[int]
+
+
+class Slices(NamedTuple):
+    """The slices of a frame, and the order of their layers.
+
+    Attributes:
+        radii: Signed radius of each slice in px, ascending.
+        turns: Between which visible layers hidden octaves of blur are composited.
+        octaves: For each slice the octave of a hidden surface.
+        visible: How visible surfaces are blurred.
+        known: How hidden surfaces that are known are blurred.
+        invented: How hidden surfaces that are invented are blurred.
+    """
+
+    radii: tuple[float, ...]
+    turns: Turns
+    octaves: list[int]
+    visible: Slicing
+    known: Slicing
+    invented: Slicing
+
+
+class Division(NamedTuple):
+    """The parts of the aperture that are composited one by one.
+
+    Attributes:
+        aperture: The pupil.
+        parts: Its parts: those of the centre view; then a left and a right half, if these are
+            composited besides.
+        weights: The share of the aperture that each part is.
+        groups: The parts of the centre view; and of left and right, if they are others.
+    """
+
+    aperture: Aperture
+    parts: list[Part]
+    weights: list[float]
+    groups: list[slice]
+
+    @classmethod
+    def of(cls, aperture: Aperture, centre: int, *, left_right: bool) -> Division:
+        """The division of an aperture that has 1, 4 or 16 parts for the centre view."""
+        divided = [*aperture.parts(centre)]
+        groups = [slice(0, len(divided))]
+        if left_right and len(divided) == 1:
+            divided += [LEFT, RIGHT]
+            groups.append(slice(1, 3))
+        return cls(aperture, divided, [aperture.share(part) for part in divided], groups)
 
 
 @dataclass(frozen=True)
@@ -45,59 +112,26 @@ class Frame:
     """What all regions of one picture share.
 
     Attributes:
-        size: (height, width) in px.
-        grid: Its tiles.
-        aperture: The pupil.
-        quality: Spacing of slices and the like.
-        parts: Of the aperture: first those of the centre, then those of left and right if these
-            are composited besides.
-        centre: How many are the centre's.
-        groups: The same as slices of the parts.
-        weights: The share of the aperture that each part is.
-        left_right: Whether left and right are wanted.
-        signed: Whether pixels are negative (colours outside the gamut).
-        dtype: To compute in.
-        limit: What exceeds this is a highlight.
-        radii: Of the slices in px.
-        reaches: Px that each spreads.
-        layers: The number of the layer of each, ascending.
-        turns: When it is the turn of what is hidden, between these layers.
-        windows: Of each.
-        known: How what is known to be hidden is blurred.
-        invented: How what is invented is.
-        edges: Whether surfaces hide others.
-        quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
-        tilted: Whether surfaces may be tilted.
+        size: (height, width) in px; in cells for a picture that is rendered at half size.
+        settings: The options.
+        quality: Settings of the quality, in px or in cells as the size.
+        dtype: Type of the numbers to compute with.
+        grid: The tiles.
         margin: Px around a region that its pixels depend on.
-        sharp: Radius in px up to which pixels are in focus; None where slices were asked for.
-        ends: Least and greatest signed radius in px of what is visible.
+        content: Properties of the pixels.
+        slices: The slices.
+        division: The parts of the aperture.
     """
 
     size: tuple[int, int]
-    grid: Grid
-    aperture: Aperture
+    settings: Settings
     quality: Quality
-    parts: list[Part]
-    centre: int
-    groups: list[slice]
-    weights: list[float]
-    left_right: bool
-    signed: bool
     dtype: torch.dtype
-    limit: float
-    radii: tuple[float, ...]
-    reaches: list[int]
-    layers: list[int]
-    turns: Turns
-    windows: list[Window]
-    known: FillSlices
-    invented: FillSlices
-    edges: bool
-    quantised: bool
-    tilted: bool
+    grid: Grid
     margin: int
-    sharp: float | None
-    ends: tuple[float, float]
+    content: Content
+    slices: Slices
+    division: Division
 
     @property
     def box(self) -> Box:
@@ -106,6 +140,16 @@ class Frame:
 
     @property
     def farthest(self) -> int:
-        """Px that light spreads at most."""
-        reaches: list[int] = [*self.reaches, *(self.invented.reaches if self.edges else ())]
-        return max(reaches)
+        """The greatest reach of light in px."""
+        reaches: list[int] = self.slices.visible.reaches
+        return max(reaches + self.slices.invented.reaches if self.content.edges else reaches)
+
+    @property
+    def copies_in_focus(self) -> bool:
+        """Whether pixels in focus are copied: not where the number of slices was asked for."""
+        return self.settings.num_layers is None
+
+    @property
+    def views(self) -> int:
+        """The number of images: the centre, or the centre, left and right."""
+        return 3 if self.settings.left_right else 1

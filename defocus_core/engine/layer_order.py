@@ -1,78 +1,63 @@
 """The order in which the surfaces over a tile are composited.
 
-What is visible counts first, for it is known; and its share is right in the mean where surfaces out
-of focus cover each other by chance. But what is in focus occludes exactly: where it goes on behind
-something nearer, nothing beyond focus is seen. So does what is much less blurred than what is seen
-beyond it.
+Visible surfaces come first, for they are known; and their share is right in the mean where surfaces
+out of focus cover each other by chance. But a surface in focus occludes exactly: where it goes on
+behind a nearer one, nothing beyond focus shows. So does a surface that is much less blurred than
+the one beyond it.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from defocus_core.blur.layer_blur import Shown
 from defocus_core.compositing.aperture_views import Fronts
-from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling, Hidden
-
-
-class Layer(NamedTuple):
-    """A hidden surface.
-
-    Attributes:
-        filling: What fills with it.
-        known: Whether it is known, or invented.
-    """
-
-    filling: Filling
-    known: bool
+from defocus_core.layers.octaves import Turns
 
 
 def add_in_order(
     fronts: Fronts,
     visible: list[dict[int, Shown]],
-    hidden: list[Layer],
-    frame: Frame,
+    hidden: list[Filling],
+    turns: Turns,
     index: int,
-) -> set[int]:
-    """Add all that may be seen of a tile.
+) -> list[Filling]:
+    """Add the surfaces over a tile to its views.
 
     Args:
-        fronts: What is seen; changed.
-        visible: Of each group the visible layers by number, nearest first.
-        hidden: What may fill what these leave, known before invented.
-        frame: It is part of.
-        index: Of the tile.
+        fronts: The views of the parts of the aperture; changed.
+        visible: For each group of parts the visible layers by number, nearest first.
+        hidden: The surfaces that may fill the gaps of these, known before invented.
+        turns: Between which visible layers octaves of hidden surfaces come.
+        index: Number of the tile.
 
     Returns:
-        Which of the hidden surfaces were needed.
+        The hidden surfaces that were needed.
     """
-    found: dict[int, Hidden] = {}
+    blurred: dict[Filling, Hidden] = {}
 
-    def seen_of(i: int) -> Hidden:
-        if i not in found:
-            found[i] = hidden[i].filling.over_tile(index)
-        return found[i]
+    def over_tile(surface: Filling) -> Hidden:
+        if surface not in blurred:
+            blurred[surface] = surface.over_tile(index)
+        return blurred[surface]
 
     def fill(octave: int) -> None:
-        for i, (some, known) in enumerate(hidden):
-            if not some.has(octave, index) or fronts.are_full(known=known):
-                continue
-            fronts.fill(seen_of(i).of(octave), known=known)
+        for surface in hidden:
+            if surface.has(octave, index) and not fronts.are_full(known=surface.known):
+                fronts.fill(over_tile(surface).of(octave), known=surface.known)
 
     def show(numbers: set[int]) -> None:
-        fronts.add([{n: some[n] for n in some if n in numbers} for some in visible])
+        fronts.add([{n: layers[n] for n in layers if n in numbers} for layers in visible])
 
-    numbers = {number for some in visible for number in some}
-    show({number for number in numbers if number < frame.turns.beyond})
+    numbers = {number for layers in visible for number in layers}
+    show({number for number in numbers if number < turns.beyond})
     fill(0)
-    ahead = frame.turns.ahead  # of layers that are not here, too: no pixel hangs on the tile
-    beyond = {number for number in numbers if number >= frame.turns.beyond}
-    for number in sorted(beyond | set(ahead.values())):
-        for octave in (octave for octave, first in ahead.items() if first == number):
+    # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
+    beyond = {number for number in numbers if number >= turns.beyond} | set(turns.ahead.values())
+    for number in sorted(beyond):
+        for octave in (octave for octave, first in turns.ahead.items() if first == number):
             fill(octave)
         show({number})
-    for i, (_, known) in enumerate(hidden):
-        if not fronts.are_full(known=known):
-            fronts.fill(seen_of(i).whole(), known=known)
-    return set(found)
+    for surface in hidden:
+        if not fronts.are_full(known=surface.known):
+            fronts.fill(over_tile(surface).whole(), known=surface.known)
+    return list(blurred)

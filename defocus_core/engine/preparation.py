@@ -2,195 +2,175 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 
 from defocus_core.blur.fourier import reach
-from defocus_core.blur.kernel_bank import Spread, Window, alike, spreads_of, windows
+from defocus_core.blur.kernel_bank import Spread, alike, spreads_of, windows
 from defocus_core.compositing.highlights import reached_by, threshold
-from defocus_core.engine.frame import NEIGHBOURHOOD, FillSlices, Frame
-from defocus_core.engine.statistics import Survey, survey
-from defocus_core.images.source import Pixels, banded
+from defocus_core.engine.frame import (
+    NEIGHBOURHOOD,
+    Content,
+    Division,
+    Frame,
+    Slices,
+    Slicing,
+)
+from defocus_core.engine.settings import Settings
+from defocus_core.engine.statistics import needs_double, surveyed, with_hidden
+from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import grid_over, largest, regions
 from defocus_core.inpainting.frame_pyramid import EDGE
 from defocus_core.inpainting.hidden_layers import PX_AROUND
 from defocus_core.inpainting.known_layer import Behind
-from defocus_core.layers.ladder import SHARP, evenly, layers, rungs
+from defocus_core.layers.ladder import evenly, layers, rungs
 from defocus_core.layers.octaves import kept_apart, turns
 from defocus_core.layers.quality import Quality
-from defocus_core.optics.aperture import LEFT, RIGHT, Aperture, part_area, parts
-
-# Brightness over the median, and by itself, beyond which float32 is not enough.
-_RANGE, _SQUARED = 1e3, 1e15
 
 
 def frame_of(
     pixels: Pixels,
     signed_radius: Pixels,
-    *,
-    aperture: Aperture,
+    settings: Settings,
     quality: Quality,
-    left_right: bool,
-    num_layers: int | None,
-    psf_ks: int | None,
     hidden: Behind | None,
-    threads: int,
-    tile: int | None = None,
+    *,
     quantised: bool = False,
 ) -> Frame:
-    """Look at a picture as a whole; the arguments are those of `render`, for one picture.
+    """Look at a picture as a whole.
 
-    Its radii are repaired; `quantised` says that they had few levels.
+    Args:
+        pixels: [C, H, W], in px or in cells.
+        signed_radius: [H, W], repaired, in px or in cells.
+        settings: The options.
+        quality: Settings of the quality, in px or in cells.
+        hidden: The known layer behind the visible surface.
+        quantised: Whether radii had few levels before they were repaired.
 
     Raises:
         ValueError: If a value is not finite, or a CoC does not fit psf_ks.
     """
-    H, W = signed_radius.shape
-    cells = parts(aperture, quality.parts)
-    centre = len(cells)
-    groups = [slice(0, centre)]
-    if left_right and centre == 1:
-        cells = [*cells, LEFT, RIGHT]
-        groups.append(slice(1, 3))
+    size = signed_radius.shape[0], signed_radius.shape[1]
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
-    seen = survey(pixels, signed_radius, dtype, threads)
-    least, most = seen.least, seen.most
-    if hidden is not None:
-        least, most = _with_hidden(hidden, least, most)
-    radii = _slice_radii(least, most, quality, num_layers, psf_ks)
-    numbers = layers(radii, quality)
-    limit = threshold(seen.brightness, seen.brightest)
-    dtype = torch.float64 if _needs_double(seen, limit) else dtype
-    grid = grid_over(H, W) if tile is None else grid_over(H, W, tile)
-    edges = max(seen.steepest) > EDGE
-    halvings = 0 if num_layers or not edges else quality.hidden_halvings
-    spreads = _spreads(radii, numbers, quality, (H, W), 0)
-    coarse = _spreads(radii, numbers, quality, (H, W), halvings)
-    reaches, of_coarse = [spread.px for spread in spreads], [spread.px for spread in coarse]
-    if halvings:  # a pixel has shares in cells beside it, and is read between two
-        most = max(H, W) - 1
-        invented = [min((spread + 2) * (1 << halvings) - 1, most) for spread in of_coarse]
-    else:
-        invented = of_coarse
-    farthest = max([*reaches, *(invented if edges else ())])
-    farthest += farthest % 2
-    margin = NEIGHBOURHOOD + farthest
-    if edges:
-        margin += PX_AROUND
-    if seen.brightest > limit:
-        margin = max(margin, reached_by(farthest))
-    margin += margin % 2  # regions are halved
-    within = largest(regions(grid, margin))
-    side = grid.tiles[0].height, grid.tiles[0].width
-
-    def halved(size: tuple[int, int], halvings: int) -> tuple[int, int]:
-        """(height, width) of a tile or of a region after resolution is halved some times."""
-        # pixels lie between cells, and may begin in the middle of one
-        more = 3 if halvings else 0
-        return (size[0] >> halvings) + more, (size[1] >> halvings) + more
-
-    def windows_at(halvings: int, spreads: list[Spread], numbers: list[int]) -> list[Window]:
-        """Windows of all slices after resolution is halved some times."""
-        scaled = tuple(r / (1 << halvings) for r in radii)
-        sizes = halved(side, halvings), halved(within, halvings)
-        return windows(scaled, spreads, numbers, *sizes, aperture, cells, dtype, pixels.device)
-
-    when = turns(radii, numbers)
-    apart = kept_apart(radii, when.ahead)
-
-    def filling(stride: int, halvings: int, spreads: list[Spread], px: list[int]) -> FillSlices:
-        layers = alike(numbers, apart, spreads, halved(side, halvings))
-        of_all = windows_at(halvings, spreads, layers)
-        octave_of = dict(zip(layers, apart, strict=True))
-        return FillSlices(stride, halvings, of_all, layers, octave_of, [s.px for s in spreads], px)
-
-    stride = 1 if num_layers else quality.hidden_stride
-    return Frame(
-        size=(H, W),
-        grid=grid,
-        aperture=aperture,
-        quality=quality,
-        parts=cells,
-        centre=centre,
-        groups=groups,
-        weights=[part_area(aperture, part) for part in cells],
-        left_right=left_right,
-        signed=seen.darkest < 0,
-        dtype=dtype,
-        limit=limit,
-        radii=radii,
-        reaches=reaches,
-        layers=numbers,
-        turns=when,
-        windows=windows_at(0, spreads, numbers),
-        known=filling(1, 0, spreads, reaches),
-        invented=filling(stride, halvings, coarse, invented),
-        edges=edges,
+    survey = surveyed(pixels, signed_radius, dtype, settings.threads)
+    content = Content(
+        ends=(survey.least, survey.most),
+        edges=max(survey.steepest) > EDGE,
+        tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
         quantised=quantised,
-        tilted=seen.steepest[0] ** 2 + seen.steepest[1] ** 2 > quality.least_slope**2,
-        margin=margin,
-        sharp=None if num_layers else SHARP,
-        ends=(seen.least, seen.most),
+        signed=survey.darkest < 0,
+        limit=threshold(survey.brightness, survey.brightest),
     )
+    ends = content.ends if hidden is None else with_hidden(hidden, content.ends)
+    radii = _slice_radii(*ends, quality, settings)
+    numbers = layers(radii, quality)
+    exact = settings.num_layers is not None
+    stride, halvings = (1, 0) if exact else (quality.hidden_stride, quality.hidden_halvings)
+    fine = _at_resolution(radii, numbers, quality, size, 0)
+    coarse = _at_resolution(radii, numbers, quality, size, halvings if content.edges else 0)
+    farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
+    margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
+    grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
+    tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
+    division = Division.of(settings.aperture, quality.parts, left_right=settings.left_right)
+    if needs_double(survey, content.limit):
+        dtype = torch.float64
+
+    def slicing(resolution: _Resolution, layer_of: list[int], stride: int) -> Slicing:
+        halvings, spreads, reaches = resolution
+        of_slices = windows(
+            tuple(r / (1 << halvings) for r in radii),
+            spreads,
+            layer_of,
+            _halved(tile, halvings),
+            _halved(region, halvings),
+            settings.aperture,
+            division.parts,
+            dtype,
+            pixels.device,
+        )
+        cells = [spread.px for spread in spreads]
+        return Slicing(stride, halvings, of_slices, layer_of, cells, reaches)
+
+    order = turns(radii, numbers)
+    octaves = kept_apart(radii, order.ahead)
+    known = alike(numbers, octaves, fine.spreads, tile)
+    invented = alike(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
+    slices = Slices(
+        radii,
+        order,
+        octaves,
+        visible=slicing(fine, numbers, 1),
+        known=slicing(fine, known, 1),
+        invented=slicing(coarse, invented, stride),
+    )
+    return Frame(size, settings, quality, dtype, grid, margin, content, slices, division)
 
 
-def _spreads(
+class _Resolution(NamedTuple):
+    """The slices at a resolution that is halved some times before anything else.
+
+    Attributes:
+        halvings: How many times it is halved.
+        spreads: The spread of each slice, in cells of this resolution.
+        reaches: For each slice the greatest reach of its light in px of the frame.
+    """
+
+    halvings: int
+    spreads: list[Spread]
+    reaches: list[int]
+
+
+def _at_resolution(
     radii: tuple[float, ...],
     numbers: list[int],
     quality: Quality,
     size: tuple[int, int],
     halvings: int,
-) -> list[Spread]:
-    """How slices are blurred, in cells of a resolution halved some times."""
-    step = 1 << halvings
+) -> _Resolution:
+    """The slices of a frame of (height, width) px at a resolution."""
+    step, most = 1 << halvings, max(size) - 1
     scaled = tuple(r / step for r in radii)
-    return spreads_of(scaled, numbers, quality.full_resolution / step, -(-(max(size) - 1) // step))
+    spreads = spreads_of(scaled, numbers, quality.full_resolution / step, -(-most // step))
+    reaches = [spread.px for spread in spreads]
+    if halvings:  # a pixel has shares in cells beside it, and is read between two
+        reaches = [min((px + 2) * step - 1, most) for px in reaches]
+    return _Resolution(halvings, spreads, reaches)
 
 
-def _with_hidden(hidden: Behind, least: float, most: float) -> tuple[float, float]:
-    """The least and greatest radius, of what is known to lie behind too.
+def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
+    """Px around a region that its pixels depend on, an even number, for regions are halved.
 
-    Raises:
-        ValueError: If a value that is known is not finite.
+    Args:
+        farthest: Greatest reach of light in px.
+        edges: Whether surfaces hide others.
+        highlights: Whether there are highlights.
     """
-    for color, radius, mask in zip(*map(banded, hidden), strict=True):
-        some = mask.bool()
-        known = radius[some]
-        for name, values in (("color", color[:, some]), ("signed_radius", known)):
-            if not bool(torch.isfinite(values).all()):
-                raise ValueError(
-                    f"hidden.{name} must be finite where the mask is true; leave unknown pixels out"
-                )
-        if len(known):
-            least, most = min(least, float(known.min())), max(most, float(known.max()))
-    return least, most
+    farthest += farthest % 2
+    margin = NEIGHBOURHOOD + farthest + (PX_AROUND if edges else 0)
+    if highlights:
+        margin = max(margin, reached_by(farthest))
+    return margin + margin % 2
 
 
-def _needs_double(seen: Survey, limit: float) -> bool:
-    """Whether the rounding of float32 transforms, 1e-7 of the brightest, would show in the dark.
-
-    What is brighter than the limit does not count: it is not transformed. Or whether squares of
-    colours would be infinite.
-    """
-    bright = min(seen.brightest, limit)
-    if max(bright, -seen.darkest) > _SQUARED:
-        return True
-    lit = seen.lit.total - seen.black
-    if not lit:
-        return False
-    median = seen.black + (lit + 1) // 2
-    low, high = seen.lit.about(median)
-    if bright <= _RANGE * low or bright > _RANGE * high:
-        return bright > _RANGE * high
-    return bright > _RANGE * seen.lit.exactly(median)
+def _halved(size: tuple[int, int], halvings: int) -> tuple[int, int]:
+    """(height, width) of a tile or of a region after resolution is halved some times."""
+    # pixels lie between cells, and may begin in the middle of one
+    more = 3 if halvings else 0
+    return (size[0] >> halvings) + more, (size[1] >> halvings) + more
 
 
 def _slice_radii(
-    least: float, most: float, quality: Quality, num_layers: int | None, psf_ks: int | None
+    least: float, most: float, quality: Quality, settings: Settings
 ) -> tuple[float, ...]:
-    if num_layers is not None:
-        radii = evenly(least, most, num_layers)
-    else:
-        radii = rungs(least, most, quality)
+    """Radii in px of slices over a range: as many as asked for, or by the ladder of the quality.
+
+    Raises:
+        ValueError: If a CoC does not fit psf_ks.
+    """
+    count, psf_ks = settings.num_layers, settings.psf_ks
+    radii = rungs(least, most, quality) if count is None else evenly(least, most, count)
     if psf_ks is None:
         return radii
     spread = max(abs(least), abs(most))

@@ -1,18 +1,18 @@
-"""The regions of a picture, computed in order, some at once."""
+"""The regions of a picture, computed in order, several at once; those in focus are copied."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from itertools import count
+from collections.abc import Callable, Iterator
+from itertools import count, islice
 
 import torch
 from torch import Tensor
 
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.region import Region
-from defocus_core.engine.unchanged_parts import blurred_part, counts_of_copies
-from defocus_core.images.box import Box, Span
+from defocus_core.engine.unchanged_parts import blurred_part
+from defocus_core.images.box import Box
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid, regions
 from defocus_core.images.views import Views, added, joined
@@ -21,119 +21,109 @@ from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.checkpointing import recomputed, unrecorded
 from defocus_core.runtime.threads import threaded
 
+# Counts that are 0 for copied tiles.
+_OF_COMPUTED = (
+    *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
+    *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
+)
 
-def finished(
+
+def rendered_regions(
     frame: Frame,
     pixels: Pixels,
     signed_radius: Pixels,
-    *,
     hidden: Behind | None,
-    threads: int,
-    at_once: int | None = None,
+    *,
+    at_once: int | None,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Views]:
-    """The regions of a picture, row by row, each from left to right.
+    """The views of each region of a picture, row by row, each from left to right.
 
     Args:
-        frame: What holds for the whole picture.
-        pixels: [C, H, W], in any precision; the result has the same.
+        frame: The frame of the picture.
+        pixels: [C, H, W], in any precision; the views are in the precision of the frame.
         signed_radius: [H, W] px.
-        hidden: What is known behind the visible surface.
-        threads: As for `render`.
-        at_once: Regions computed at once at most: bounds memory. None for as many as threads.
+        hidden: The known layer behind the visible surface.
+        at_once: Greatest number of regions computed at once; None for as many as threads.
         progress: As for `render`.
     """
+    threads, content = frame.settings.threads, frame.content
     beyond = None
-    if frame.edges:
-        beyond = backdrop(pixels, signed_radius, frame.limit, frame.dtype, threads, frame.ends)
+    if content.edges:
+        beyond = backdrop(pixels, signed_radius, content.limit, frame.dtype, threads, content.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
-    wanted = isinstance(signed_radius, Tensor) and signed_radius.requires_grad
-    done, told_of = count(1), Counter[Box]()
+    may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
+    numbers, reported = count(1), Counter[Box]()
 
-    def told(box: Box, count: int) -> None:
-        told_of[box] += count
-        for _ in range(count):
-            number = next(done)
-            if progress and number <= len(frame.grid.tiles):  # not when it is computed again
+    def report(box: Box, tiles: int) -> None:
+        """Report tiles of a region as done, unless it is computed again."""
+        reported[box] += tiles
+        for number in islice(numbers, tiles):
+            if progress and number <= len(frame.grid.tiles):
                 progress(number, len(frame.grid.tiles))
 
     def computed(grid: Grid) -> Views:
-        part = grid if wanted else blurred_part(frame, grid, signed_radius)
-        if not part:
-            counts = counts_of_copies(frame, grid.box.area, len(grid.tiles))
-            return _copied(frame, grid.box, pixels)._replace(stats=counts)
+        part = blurred_part(frame, grid, signed_radius) if may_copy else grid
+        if part is None:
+            return _copied(frame, grid, pixels)
         tiles: list[Views] = []
         with unrecorded():
             region = Region(frame, part, pixels, signed_radius, hidden, beyond)
-            numbers = range(len(part.tiles))
-            for tile in threaded(recomputed(region.tile), numbers, threads // at_once):
+            each = range(len(part.tiles))
+            for tile in threaded(recomputed(region.tile), each, threads // at_once):
                 tiles.append(tile)
-                told(grid.box, 1)
-        rest = len(grid.tiles) - len(part.tiles)
-        rows = _among_copies(frame, grid.box, part, tiles, pixels)
-        made = joined(rows)
-        counts = counts_of_copies(frame, grid.box.area - part.box.area, rest)
-        return made._replace(stats=added([made.stats, counts]))
+                report(grid.box, 1)
+        rows = [tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)]
+        views = joined(rows)
+        return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
     def handed_over() -> Iterator[Views]:
         parts = threaded(recomputed(computed), grids, at_once)
         for grid, part in zip(grids, parts, strict=True):
-            told(grid.box, len(grid.tiles) - told_of[grid.box])  # copies
+            report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
             yield part
 
     return handed_over()
 
 
-def _among_copies(
-    frame: Frame, whole: Box, part: Grid, tiles: Sequence[Views], pixels: Pixels
-) -> list[list[Views]]:
-    """Rows of views of a rectangle: the tiles of a part, and the rest as it was."""
-    down, across = (
-        (Span(side.first, inner.first), Span(inner.end, side.end))
-        for side, inner in zip(whole.sides, part.box.sides, strict=True)
-    )
-
-    def copied(rows: Span, columns: Span) -> list[Views]:
-        box = Box.over(rows, columns)
-        return [_copied(frame, box, pixels)] if box.area else []
-
-    above, below = (copied(rows, whole.sides[1]) for rows in down)
-    made = []
-    for first in range(0, len(tiles), part.columns):
-        before, after = (copied(part.tiles[first].sides[0], columns) for columns in across)
-        made.append([*before, *tiles[first : first + part.columns], *after])
-    return [row for row in (above, *made, below) if row]
-
-
-def _copied(frame: Frame, box: Box, pixels: Pixels) -> Views:
-    """Views of what is as it was."""
-    image = box.of(pixels).to(frame.dtype)
-    images = [image] * (3 if frame.left_right else 1)
-    return Views(images, image.new_ones(1, *image.shape[1:]), {}, box)
+def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
+    """Views of a region in focus: its pixels themselves, but for a part that was computed."""
+    image = grid.box.of(pixels).to(frame.dtype)
+    trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
+    area, tiles, counts = grid.box.area, len(grid.tiles), dict[str, int]()
+    if part:
+        images, counts = [image.clone() for image in images], part.stats
+        where = part.box.seen_from(grid.box)
+        for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
+            where.of(whole).copy_(computed)
+        area, tiles = area - part.box.area, tiles - counts["tiles"]
+    slice_tiles = 2 * len(frame.slices.radii) * tiles
+    of_copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
+    return Views(images, trust, added([counts, of_copies]), grid.box)
 
 
 def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
     """The views of the whole picture.
 
-    Each image [C, H, W] is in memory of its own: who keeps or saves one does not keep the others.
+    Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
     Trust is [1, H, W].
 
     Args:
-        frame: What holds for the whole picture.
-        pixels: [C, H, W], whose precision the result has.
-        parts: From `finished`.
+        frame: The frame of the picture.
+        pixels: [C, H, W], whose precision the views get.
+        parts: From `rendered_regions`.
     """
     if torch.is_grad_enabled():
-        found = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
-        return found._replace(stats=total(frame, [found.stats]))
-    images = [pixels.new_empty(pixels.shape) for _ in range(3 if frame.left_right else 1)]
+        views = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
+        return views._replace(stats=total(frame, [views.stats]))
+    images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
     trust = pixels.new_empty(1, *pixels.shape[-2:])
     counts: list[dict[str, int]] = []
     for part in parts:
-        for image, some in zip(images, part.images, strict=True):
-            part.box.of(image).copy_(some)
+        for image, of_part in zip(images, part.images, strict=True):
+            part.box.of(image).copy_(of_part)
         part.box.of(trust).copy_(part.trust)
         counts.append(part.stats)
     return Views(images, trust, total(frame, counts), Box(0, 0, *pixels.shape[-2:]))
@@ -141,11 +131,11 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
 
 def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
-    return {"slices": len(frame.radii), **added(counts)}
+    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_OF_COMPUTED, 0), *counts])}
 
 
 def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
-    """Those of a row of regions together."""
+    """The regions of a picture, row by row."""
     row: list[Views] = []
     for part in parts:
         if row and part.box.left == 0:

@@ -12,26 +12,27 @@ from defocus_core.images.box import Box
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.order_statistics import Ranks, counted
 from defocus_core.images.source import Pixels, banded, bands
+from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.threads import threaded
 
-# Px of radius: any picture is a point beside it.
-MOST = 1e8
-# Every how many rows and columns the brightness of a pixel is taken where a sample is enough.
-_SAMPLED = 3
+# Greatest radius in px: any picture is a point beside it.
+_MOST_PX = 1e8
+# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
+BRIGHTEST = 1e30
+# Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
+_RANGE, _SQUARED = 1e3, 1e15
 
 
 class Survey(NamedTuple):
-    """A picture in a few numbers. The brightness of a pixel is that of its brightest channel.
+    """Statistics of a picture. The brightness of a pixel is that of its brightest channel.
 
     Attributes:
-        least: Signed radius in px.
-        most: The same.
+        least: Least signed radius in px.
+        most: Greatest signed radius in px.
         steepest: Greatest differences of radius between neighbours in px: down, across.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
-        brightness: Of all pixels.
-        lit: Brightness of some pixels, evenly spread.
-        black: How many of these are not positive.
+        brightness: Order statistics of the brightness of all pixels.
     """
 
     least: float
@@ -40,63 +41,53 @@ class Survey(NamedTuple):
     darkest: float
     brightest: float
     brightness: Ranks
-    lit: Ranks
-    black: int
 
 
-def survey(
-    pixels: Pixels,
-    signed_radius: Pixels,
-    dtype: torch.dtype,
-    threads: int,
-) -> Survey:
-    """Look at each pixel once.
+def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
+    """Look at each pixel of a picture once.
 
     Args:
         pixels: [C, H, W].
         signed_radius: [H, W] px.
-        dtype: To compute in.
-        threads: Bands of rows looked at at once.
+        dtype: Type of the numbers to compute with.
+        threads: Number of bands of rows that are looked at at once.
 
     Raises:
-        ValueError: If a value is not finite, or a radius is beyond `MOST`.
+        ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
     """
     H, W = signed_radius.shape
 
-    def looked_at(rows: tuple[int, int]) -> tuple[Tensor, Tensor, list[Tensor]]:
-        """Statistics of radii, the least and greatest value of colours, and counts that add up."""
-        some = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
-        brightness = some.amax(0)
-        few = _few(brightness, rows[0])
-        counts = [counted(brightness), counted(few), (few <= 0).sum()]
+    def of_band(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+        """Statistics of radii, the least and greatest value of colours, counts of brightness."""
+        band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
+        brightness = band.amax(0)
         radii = _of_radii(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
-        return radii, torch.stack([some.amin(), brightness.amax()]), counts
+        return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
 
-    of_radii: list[Tensor] = []
-    values: list[Tensor] = []
-    total: list[Tensor] = []
-    for radii, pair, counts in threaded(looked_at, bands(H, W), threads):
+    of_radii, values, counts = [], [], torch.zeros((), dtype=torch.long)
+    for radii, pair, of_brightness in threaded(of_band, bands(H, W), threads):
         of_radii.append(radii)
         values.append(pair)
-        total = [a + b for a, b in zip(total, counts, strict=True)] if total else counts
-    brightness, lit, black = total
+        counts = of_brightness + counts
     least, most, down, across = torch.stack(of_radii).unbind(1)
     darkest, brightest = torch.stack(values).unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
         if not bool(torch.isfinite(pair).all()):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    if max(-ends[0], ends[1]) > MOST:
+    if max(-ends[0], ends[1]) > _MOST_PX:
         raise ValueError(
-            f"signed_radius must be within {MOST:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            f"signed_radius must be within {_MOST_PX:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
+        )
+    if max(-ends[2], ends[3]) > BRIGHTEST:
+        raise ValueError(
+            f"image must be within ±{BRIGHTEST:g}, got {ends[2]:.3g} to {ends[3]:.3g}; "
+            "scale it, light has no unit here"
         )
 
     def brightness_again() -> Iterator[Tensor]:
         return (band.to(dtype).amax(0) for band in banded(pixels))
-
-    def lit_again() -> Iterator[Tensor]:
-        return map(_few, brightness_again(), (first for first, _ in bands(H, W)))
 
     return Survey(
         least=float(ends[0]),
@@ -104,10 +95,54 @@ def survey(
         steepest=(float(down.amax()), float(across.amax())),
         darkest=float(ends[2]),
         brightest=float(ends[3]),
-        brightness=Ranks(brightness, brightness_again, dtype),
-        lit=Ranks(lit, lit_again, dtype),
-        black=int(black),
+        brightness=Ranks(counts, brightness_again, dtype),
     )
+
+
+def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float]:
+    """The least and greatest signed radius in px of visible surfaces and of a known hidden layer.
+
+    Args:
+        hidden: The known layer.
+        ends: Least and greatest signed radius of the visible surfaces.
+
+    Raises:
+        ValueError: If a value within the mask is not finite, or beyond `BRIGHTEST`.
+    """
+    least, most = ends
+    for color, radius, mask in zip(*map(banded, hidden), strict=True):
+        where = mask.bool()
+        known = radius[where]
+        for name, values in (("color", color[:, where]), ("signed_radius", known)):
+            if not bool((values.abs() <= BRIGHTEST).all()):
+                raise ValueError(
+                    f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is "
+                    "true; leave unknown pixels out"
+                )
+        if len(known):
+            least, most = min(least, float(known.min())), max(most, float(known.max()))
+    return least, most
+
+
+def needs_double(survey: Survey, limit: float) -> bool:
+    """Whether float32 is too coarse.
+
+    Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
+    bright colours are infinite. Pixels brighter than the limit do not count: they are highlights,
+    which are not transformed.
+    """
+    bright = min(survey.brightest, limit)
+    if max(bright, -survey.darkest) > _SQUARED:
+        return True
+    black = int(survey.brightness.counts[0])  # and denormal numbers, which are as dark
+    lit = survey.brightness.total - black
+    if not lit:
+        return False
+    median = black + (lit + 1) // 2
+    low, high = survey.brightness.about(median)
+    if bright <= _RANGE * low or bright > _RANGE * high:
+        return bright > _RANGE * high
+    return bright > _RANGE * survey.brightness.exactly(median)
 
 
 def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:
@@ -121,8 +156,3 @@ def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:
     steps = band.diff(dim=0), radii.diff(dim=1)
     steepest = [float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps]
     return torch.cat([ends_of(radii), radii.new_tensor(steepest)])
-
-
-def _few(brightness: Tensor, first: int) -> Tensor:
-    """Some pixels of a band that begins at a row: the same of the frame, however it is banded."""
-    return brightness[-first % _SAMPLED :: _SAMPLED, ::_SAMPLED]

@@ -13,19 +13,18 @@ is signed (negative nearer than focus) and affine in disparity 1/z, in which not
 from __future__ import annotations
 
 import math
+from typing import Self
 
 import torch
 from torch import Tensor
 
-from defocus_core.optics.sensor import pixel_size
-from defocus_core.runtime.validation import device_named, floating, number, numbers, pair, positive
-
-Scalar = float | Tensor
+from defocus_core.optics.pinhole import PinholeCamera, Scalar
+from defocus_core.runtime.validation import device_named, floating, number, numbers, positive
 
 _UNITS = "lengths are in mm, an f-number has no unit"
 
 
-class ThinLens:
+class ThinLens(PinholeCamera):
     """A thin lens in front of a sensor of square pixels.
 
     Every parameter may be a float or a tensor of one number, and gradients flow to it. Results
@@ -37,7 +36,6 @@ class ThinLens:
         fnum: F-number N; the aperture is f / N across.
         sensor_size: Sensor (width, height) in mm.
         sensor_res: Sensor (width, height) in px. A smaller image is a crop at the same pitch.
-        pixel_size: Sensor width / width in px, in mm, on both axes.
         foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 or -inf at first.
         d_far: Depth beyond which `coc` stays what it is there, in mm; -inf for none.
         d_close: Depth nearer than which `coc` stays what it is there, in mm; 0 for none.
@@ -60,7 +58,8 @@ class ThinLens:
             fnum: F-number, > 0.
             sensor_size: (width, height) in mm.
             sensor_res: (width, height) in px.
-            device: Where results for plain numbers live; the CPU by default.
+            device: Where results for plain numbers live; by default a CUDA device if there is one,
+                else the CPU. What is computed from a tensor stays on the tensor's device.
             dtype: Floating-point type of results for plain numbers.
 
         Raises:
@@ -69,11 +68,9 @@ class ThinLens:
         """
         for name, value in {"foclen": foclen, "fnum": fnum}.items():
             positive(name, value, _UNITS)
-        pixel_size(sensor_size, sensor_res)
         self.foclen = foclen
         self.fnum = fnum
-        self.sensor_size = pair("sensor_size", sensor_size)
-        self.sensor_res = pair("sensor_res", sensor_res)
+        self.set_sensor(sensor_size, sensor_res)
         self.device = device_named(device)
         self.dtype = floating(dtype)
         self.d_far = -math.inf
@@ -81,14 +78,27 @@ class ThinLens:
         self.obj_depth = -20000.0
         self.refocus(-20000.0 if number("foclen", foclen) < 20000.0 else -math.inf)
 
-    @property
-    def pixel_size(self) -> float:
-        """Sensor width in mm / width in px, whichever of them changes.
+    def __repr__(self) -> str:
+        names = ("foclen", "fnum", "sensor_size", "sensor_res", "foc_dist", "device", "dtype")
+        values = (getattr(self, name) for name in names)
+        plain = (number("it", v) if isinstance(v, Tensor) else v for v in values)
+        shown = ", ".join(f"{name}={value}" for name, value in zip(names, plain, strict=True))
+        return f"{type(self).__name__}({shown})"
+
+    def to(self, device: torch.device | str) -> Self:
+        """Move results for plain numbers to another device.
+
+        Parameters in tensors stay what they are, so that gradients and optimisers keep them; they
+        are copied to where they are needed.
+
+        Returns:
+            This lens.
 
         Raises:
-            ValueError: If they make no sense any more, as at first.
+            ValueError: If there is no such device.
         """
-        return pixel_size(self.sensor_size, self.sensor_res)
+        self.device = device_named(device)
+        return self
 
     def refocus(self, foc_dist: Scalar) -> None:
         """Focus at a distance of |foc_dist| mm, which may be infinite.
@@ -146,7 +156,7 @@ class ThinLens:
 
     def radius_at_infinity(self) -> float:
         """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
-        s = self._distance("foc_dist", self.foc_dist)
+        s = numbers("foc_dist", self.foc_dist, floating(self.dtype), torch.device("cpu")).abs()
         radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
         return float(radius.detach())
 

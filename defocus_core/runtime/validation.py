@@ -150,13 +150,15 @@ def pair(name: str, given: tuple[T, T]) -> tuple[T, T]:
 
 
 def device_named(named: torch.device | str | None) -> torch.device:
-    """The device of that name, the CPU for None.
+    """The device of that name; for None a CUDA device if there is one, else the CPU.
 
     Raises:
         ValueError: If there is none, or this machine has none.
     """
+    if named is None:
+        named = "cuda" if torch.cuda.is_available() else "cpu"
     try:
-        device = torch.device("cpu" if named is None else named)
+        device = torch.device(named)
     except (RuntimeError, TypeError):
         raise ValueError(
             f"device must be one of torch's, got {named!r}; like cpu or cuda"
@@ -180,10 +182,52 @@ def floating(dtype: Any) -> torch.dtype:
     raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
 
 
-def is_picture(value: Any, *dims: int) -> bool:
-    """Whether it is a tensor of so many dimensions, of floats of 16 bits or more."""
-    floats = isinstance(value, Tensor) and value.is_floating_point() and value.dtype.itemsize > 1
-    return floats and value.dim() in dims
+def check_image(image: Any, *, alone: bool = False) -> None:
+    """Refuse an image that is no batch [B, C, H, W] of floats of 16 bits or more.
+
+    Args:
+        image: The image.
+        alone: Whether one image [C, H, W] is accepted, too.
+
+    Raises:
+        ValueError: If it is something else, or holds no pixel.
+    """
+    dense("image", image)
+    floats = isinstance(image, Tensor) and image.is_floating_point() and image.dtype.itemsize > 1
+    if not floats or image.dim() not in ((3, 4) if alone else (4,)):
+        wanted = "[B, C, H, W] or [C, H, W]" if alone else "[B, C, H, W]"
+        remedy = "decode integers to linear light first" if alone else "one image is image[None]"
+        raise ValueError(
+            f"image must be a tensor {wanted} of floats, got {described(image)}; {remedy}"
+        )
+    if not image.numel():
+        raise ValueError(
+            f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
+        )
+
+
+def depth_maps(image: Tensor, depth: Any, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """The depth [B, H, W] of a batch of images.
+
+    Args:
+        image: [B, C, H, W].
+        depth: [B, 1, H, W] or [B, H, W].
+        dtype: Type of a depth that is no tensor.
+        device: Device of a depth that is no tensor.
+
+    Raises:
+        ValueError: If shapes disagree, or numbers are not real.
+    """
+    check_image(image)
+    count, _, height, width = image.shape
+    depth = numbers("depth", depth, dtype, device)
+    maps: Tensor = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
+    if maps.shape != (count, height, width):
+        raise ValueError(
+            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
+            f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
+        )
+    return maps
 
 
 def described(value: Any) -> str:

@@ -60,7 +60,7 @@ def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds() -> None:
 
 
 def test_what_is_rendered_is_what_the_lens_drawn_takes() -> None:
-    seen, drawn = draft(left_right=True)(image(), depth(), [5, 6, 7])
+    views, drawn = draft(left_right=True)(image(), depth(), [5, 6, 7])
     for index in range(3):
         lens = DefocusLens(
             float(drawn.foclen[index]), float(drawn.fnum[index]), (36.0, 24.0), (SIZE[1], SIZE[0])
@@ -70,10 +70,10 @@ def test_what_is_rendered_is_what_the_lens_drawn_takes() -> None:
         torch.testing.assert_close(drawn.signed_radius[index], radius)
         aperture = Aperture(int(drawn.blades[index]), float(drawn.blade_rotation[index]))
         wanted = render(image()[index], radius[0], aperture=aperture, quality="draft")
-        torch.testing.assert_close(seen.render[index], wanted.render)
-    assert seen.left is not None
-    assert seen.right is not None
-    torch.testing.assert_close((seen.left + seen.right) / 2, seen.render)
+        torch.testing.assert_close(views.render[index], wanted.render)
+    assert views.left is not None
+    assert views.right is not None
+    torch.testing.assert_close((views.left + views.right) / 2, views.render)
 
 
 def test_anti_aliased_depth_is_one_of_distances_here_too() -> None:
@@ -82,12 +82,12 @@ def test_anti_aliased_depth_is_one_of_distances_here_too() -> None:
     fine = torch.where(x + 0.37 * y[:, None] < 60.2, 1000.0, 4000.0)
     averaged = torch.nn.functional.avg_pool2d(fine[None], 8)[None]
     picture = torch.rand(1, 3, *size, generator=torch.Generator().manual_seed(2))
-    seen, drawn = RandomDefocus(foclen=85, fnum=1.4, blades=0)(picture, averaged, [3])
+    views, drawn = RandomDefocus(foclen=85, fnum=1.4, blades=0)(picture, averaged, [3])
     lens = DefocusLens(85.0, 1.4, (36.0, 24.0), (96, 64))
     lens.refocus(float(drawn.foc_dist))
-    torch.testing.assert_close(seen.render, lens.render_rgbd(picture, averaged))
+    torch.testing.assert_close(views.render, lens.render_rgbd(picture, averaged))
     asked = render(picture, drawn.signed_radius)  # which does not know of distances
-    assert float((asked.render - seen.render).abs().max()) > 0.01
+    assert float((asked.render - views.render).abs().max()) > 0.01
 
 
 def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
@@ -97,20 +97,20 @@ def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
         fnum=Distribution("loguniform", (1, 16)),
         blades=Distribution("choice", (0, 6)),
     )
-    _, seen = defocus(*tiny, range(200))
+    _, lenses = defocus(*tiny, range(200))
     shares = torch.stack(
         [
-            (seen.foclen / 20).log() / math.log(4),
-            seen.fnum.log() / math.log(16),
-            ((seen.foc_dist - 1000) / 1000 - 0.05) / 0.9,
-            seen.blades / 6,
-            seen.blade_rotation / 360,
+            (lenses.foclen / 20).log() / math.log(4),
+            lenses.fnum.log() / math.log(16),
+            ((lenses.foc_dist - 1000) / 1000 - 0.05) / 0.9,
+            lenses.blades / 6,
+            lenses.blade_rotation / 360,
         ]
     )
     assert shares.min() >= -1e-6
     assert shares.max() <= 1 + 1e-6
     assert bool(((shares.mean(1) - 0.5).abs() < 3 * shares.std(1) / math.sqrt(200)).all())
-    assert set(seen.blades.tolist()) == {0, 6}
+    assert set(lenses.blades.tolist()) == {0, 6}
     together = torch.corrcoef(shares) - torch.eye(5)
     assert together.abs().max() < 4 / math.sqrt(200)
 
@@ -118,10 +118,10 @@ def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
 def test_numbers_and_equal_ends_fix_the_lens() -> None:
     nearest = Distribution("percentile", (0, 0))
     fixed = draft(foclen=50.0, fnum=Distribution("loguniform", (2, 2)), foc_dist=nearest, blades=0)
-    _, seen = fixed(image(), depth(), [1, 2, 3])
-    assert seen.foclen.tolist() == [50, 50, 50]
-    assert seen.fnum.tolist() == [2, 2, 2]
-    assert seen.foc_dist.tolist() == [1000, 2000, 3000]
+    _, lenses = fixed(image(), depth(), [1, 2, 3])
+    assert lenses.foclen.tolist() == [50, 50, 50]
+    assert lenses.fnum.tolist() == [2, 2, 2]
+    assert lenses.foc_dist.tolist() == [1000, 2000, 3000]
 
 
 def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
@@ -129,10 +129,10 @@ def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
     far[0, :, :, 9:] = math.inf
     far[1] = math.inf
     defocus = draft(foc_dist=Distribution("percentile", (100, 100)))
-    seen, lenses = defocus(image(2), far, [1, 2])
+    views, lenses = defocus(image(2), far, [1, 2])
     assert lenses.foc_dist[0] == far[0, 0, 0, 8]
     assert lenses.foc_dist[1] == math.inf
-    torch.testing.assert_close(seen.render[1], image(2)[1], rtol=0, atol=RENDERED[torch.float32])
+    torch.testing.assert_close(views.render[1], image(2)[1], rtol=0, atol=RENDERED[torch.float32])
 
 
 def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay() -> None:
@@ -189,16 +189,16 @@ class Frames(Dataset[dict[str, Tensor]]):
         return 4
 
     def __getitem__(self, index: int) -> dict[str, Tensor]:
-        seen, lenses = self.defocus(image(4)[index, None], depth(4)[index, None], [index])
-        return {"index": torch.tensor(index), "render": seen.render[0], "fnum": lenses.fnum[0]}
+        views, lenses = self.defocus(image(4)[index, None], depth(4)[index, None], [index])
+        return {"index": torch.tensor(index), "render": views.render[0], "fnum": lenses.fnum[0]}
 
 
 def test_a_data_loader_gets_each_sample_with_its_own_lens() -> None:
     samples = Frames()
     shuffled = DataLoader(samples, batch_size=3, shuffle=True)
-    found = {int(i): x for b in shuffled for i, x in zip(b["index"], b["render"], strict=True)}
-    assert sorted(found) == [0, 1, 2, 3]
-    for index, rendered in found.items():
+    renders = {int(i): x for b in shuffled for i, x in zip(b["index"], b["render"], strict=True)}
+    assert sorted(renders) == [0, 1, 2, 3]
+    for index, rendered in renders.items():
         torch.testing.assert_close(rendered, samples[index]["render"], rtol=0, atol=0)
 
 

@@ -6,6 +6,7 @@ from streams import KINDS, Windows, put_together, same
 from torch import Tensor
 
 from defocus_core import cost, render
+from defocus_core.engine.settings import Settings
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.images import derived
 from defocus_core.images.tiling import TILE
@@ -20,10 +21,10 @@ def test_a_stream_is_the_rendering(kind: str, threads: int, at_once: int | None)
     image, radius = scenery(kind, 700, 660, 6.0)
     whole = render(image, radius, left_right=True)
     pixels, radii = Windows(image), Windows(radius)
-    stream = Stream(pixels, radii, left_right=True, threads=threads)
-    found = put_together(stream, at_once)
-    assert found.keys() == {*KINDS, "trust"}
-    assert same(found, whole)
+    stream = Stream(pixels, radii, Settings(left_right=True, threads=threads))
+    pictures = put_together(stream, at_once)
+    assert pictures.keys() == {*KINDS, "trust"}
+    assert same(pictures, whole)
     assert stream.stats == whole.stats
 
 
@@ -37,7 +38,7 @@ def soft_picture(height: int, width: int) -> tuple[Tensor, Tensor]:
 def test_a_stream_of_soft_depth_is_its_rendering() -> None:
     image, radius = soft_picture(700, 660)
     whole = render(image, radius)
-    stream = Stream(Windows(image), Windows(radius), threads=2)
+    stream = Stream(Windows(image), Windows(radius), Settings(threads=2))
     assert stream.repair.soft_edges
     assert same(put_together(stream), whole)
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
@@ -46,8 +47,8 @@ def test_a_stream_of_soft_depth_is_its_rendering() -> None:
 def test_no_window_is_as_high_as_a_high_frame() -> None:
     image, radius = scenery("most", 4096, 40, 3.0)
     pixels, radii = Windows(image), Windows(radius)
-    found = put_together(Stream(pixels, radii))
-    assert same(found, render(image, radius))
+    pictures = put_together(Stream(pixels, radii))
+    assert same(pictures, render(image, radius))
     assert max(pixels.largest, radii.largest) < 1500
 
 
@@ -57,7 +58,7 @@ def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPa
     whole, looked_at = render(image, radius, quality="draft"), {}
     for hold in (False, True):
         pixels = Windows(image)
-        stream = Stream(pixels, Windows(radius), quality="draft", hold=hold)
+        stream = Stream(pixels, Windows(radius), Settings(quality="draft"), hold=hold)
         assert same(put_together(stream), whole)
         looked_at[hold] = pixels.looked_at / radius.numel()
     assert looked_at[True] < 5 < 9 < looked_at[False]
@@ -65,12 +66,12 @@ def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPa
 
 def test_half_colour_is_rendered_as_the_same_colour_in_float() -> None:
     image, radius = scenery("most", 200, 300, 5.0)
-    found = put_together(Stream(image.half(), radius))
-    assert found["render"].dtype == torch.float32
-    assert same(found, render(image.half().float(), radius))
+    pictures = put_together(Stream(image.half(), radius))
+    assert pictures["render"].dtype == torch.float32
+    assert same(pictures, render(image.half().float(), radius))
 
 
-def test_what_is_known_behind_is_read_through_windows_too() -> None:
+def test_a_known_layer_is_read_through_windows_too() -> None:
     image, radius = scenery("cards", 200, 260, 8.0)
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     whole = render(image, radius, hidden=known)
@@ -79,7 +80,7 @@ def test_what_is_known_behind_is_read_through_windows_too() -> None:
     assert same(put_together(stream), whole)
 
 
-def test_costs_are_told_through_windows_as_of_tensors() -> None:
+def test_costs_are_the_same_through_windows_and_of_tensors() -> None:
     image, radius = scenery("lights", 1100, 900, 6.0)
     of_windows = cost(Stream(Windows(image), Windows(radius)))
     assert of_windows == cost(Stream(image, radius))
@@ -123,8 +124,8 @@ def test_shapes_of_a_stream_must_match() -> None:
         Stream(torch.zeros(3, 8, 8), torch.zeros(8, 9))
 
 
-def test_whoever_takes_a_region_keeps_gradients() -> None:
-    """Also who takes but the first one."""
+def test_the_caller_who_takes_a_region_keeps_gradients() -> None:
+    """Also a caller who takes only the first region."""
     image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 3.0)
     regions = Stream(image, radius).regions()
     next(regions)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from defocus_core import Aperture, DefocusLens, HiddenLayer, RandomDefocus, render
 from defocus_core.engine.region import Region
+from defocus_core.engine.settings import Settings
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.law_probes import levels, strips, waves
 from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
@@ -101,7 +102,7 @@ def test_nor_a_stream() -> None:
     image, radius = scene()
 
     def rendered(to: Moved) -> list[Tensor | None]:
-        parts = Stream(to(image), to(radius), left_right=True).regions()
+        parts = Stream(to(image), to(radius), Settings(left_right=True)).regions()
         return [x for p in parts for x in (p.render, p.left, p.right, p.trust)]
 
     with torch.no_grad():
@@ -134,7 +135,7 @@ def test_nor_does_a_lens() -> None:
         return [
             lens.render_rgbd(to(image), z),
             *lens.render_rgbd_dp(to(image), z),
-            *(lens.psf(to(point), 80, kind) for kind in ("gaussian", "pillbox")),
+            *(lens.psf(to(point), ks=80, psf_type=kind) for kind in ("gaussian", "pillbox")),
             *lens.psf_dp(to(point), 80),
             lens.signed_coc(z),
             lens.signed_radius(z),

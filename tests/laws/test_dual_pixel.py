@@ -11,7 +11,7 @@ from scenes import RADII, Scene, blurred_card, pattern, slanted_waves
 from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
-from defocus_core.optics.aperture import LEFT, RIGHT, part_area
+from defocus_core.optics.aperture import LEFT, RIGHT
 
 APERTURES = [Aperture(), Aperture(6, 10.0), Aperture(5, 0.0), Aperture(psf_type="gaussian")]
 
@@ -95,7 +95,7 @@ def test_the_halves_of_a_pentagon_are_those_of_the_pentagon(r: float, rotation: 
         psf = kernel(r, both(polygon(5, rotation), side))[None]
         # between two rungs the first moment is off by (r - a)(b - r) / (a + b), below 0.4 %
         assert centroid(picture) == pytest.approx(centroid(psf), abs=0.004 * abs(r))
-        share = part_area(pentagon, part)
+        share = pentagon.share(part)
         # the column that the axis cuts is shared by the normalised halves
         assert float(picture.sum()) == pytest.approx(2 * share, rel=3e-3)
 

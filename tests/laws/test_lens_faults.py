@@ -82,21 +82,39 @@ def test_the_radius_of_a_psf_follows_the_coc_and_does_not_jump(ks):
     per_disparity = lens.signed_radius(math.inf) * 2000.0
     points = axis_points(*(-1 / (1 / 2000 + radius / per_disparity)))  # nearer than focus
     offsets = torch.arange(ks, dtype=DTYPE) - (ks - 1) / 2
-    moment = (lens.psf(points, ks, "pillbox").sum(-2) * offsets**2).sum(-1)
+    moment = (lens.psf(points, ks=ks, psf_type="pillbox").sum(-2) * offsets**2).sum(-1)
     measured = 2 * (moment - 1 / 12).sqrt()
     assert (measured / radius - 1).abs().max() < 0.01
     assert ((measured.diff() > 0.05) & (measured.diff() < 0.15)).all()
 
 
-def test_a_coc_wider_than_the_kernel_is_refused_with_the_ks_it_needs():
+def test_a_coc_wider_than_the_kernel_is_cropped_with_a_warning_that_names_the_ks_it_needs():
     lens, points = camera(), axis_points(-3000.0, -700.0)
     needed = math.ceil(2 * float(lens.signed_radius(700.0).abs()))
     for method in (lens.psf, lens.psf_dp, lens.psf_rgb, lens.psf_rgb_dp):
-        with pytest.raises(ValueError, match=f"use ks={needed} or more"):
+        with pytest.warns(UserWarning, match=f"use ks={needed} or more"):
             method(points, ks=needed - 1)
-    assert float(lens.psf(points, ks=needed)[1].sum()) == pytest.approx(1)
+        with pytest.raises(ValueError, match=f"use ks={needed} or more"):
+            method(points, ks=needed - 1, strict=True)
+    assert float(lens.psf(points, ks=needed, strict=True)[1].sum()) == pytest.approx(1)
     with pytest.raises(ValueError, match="ks"):
         lens.render_rgbd(speckle(20, 20), torch.full((1, 20, 20), 700.0), psf_ks=needed - 2)
+
+
+@pytest.mark.filterwarnings("ignore:kernels are cropped")
+@pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
+def test_a_cropped_kernel_is_the_middle_of_the_whole_one_with_sum_one(psf_type):
+    lens, points = camera(), axis_points(-700.0, -2100.0)
+    whole = lens.psf(points, ks=65, psf_type=psf_type, strict=True)
+    middle = whole[:, 25:40, 25:40]
+    cropped, (left, right) = (
+        psf(points, ks=15, psf_type=psf_type) for psf in (lens.psf, lens.psf_dp)
+    )
+    torch.testing.assert_close(cropped, middle / middle.sum((1, 2), keepdim=True))
+    torch.testing.assert_close((left + right) / 2, cropped)
+    assert middle[0].sum() < 0.7
+    level = lens.psf(axis_points(-1e-9), ks=4, psf_type="pillbox")
+    torch.testing.assert_close(level, torch.full_like(level, 1 / 16))
 
 
 def test_depth_is_never_clamped_and_no_depth_is_invalid_in_silence():
@@ -139,9 +157,47 @@ def test_dual_pixel_halves_are_mirror_images_whose_mean_is_the_psf(ks, psf_type)
     left, right = lens.psf_dp(points, ks, psf_type)
     exact = {"atol": ROUNDING[DTYPE], "rtol": 0}
     torch.testing.assert_close(left, right.flip(-1), **exact)
-    torch.testing.assert_close((left + right) / 2, lens.psf(points, ks, psf_type), **exact)
+    torch.testing.assert_close(
+        (left + right) / 2, lens.psf(points, ks=ks, psf_type=psf_type), **exact
+    )
     torch.testing.assert_close(left.sum((1, 2)), torch.ones(3, dtype=DTYPE), **exact)
     assert (left - right)[0].abs().max() > 0.9 * left[0].max()  # not two copies of the whole
+
+
+def at_radius(lens: DefocusLens, radius: Tensor) -> Tensor:
+    """Points [N, 3] on the axis with these signed radii in px."""
+    at_infinity = lens.radius_at_infinity()
+    disparity = (1 - radius / at_infinity) / 2000.0
+    return torch.stack([torch.zeros_like(radius), torch.zeros_like(radius), -1 / disparity], -1)
+
+
+@pytest.mark.parametrize("ks", [4, 5, 63, 64])
+@pytest.mark.parametrize(
+    ("psf_type", "shift"), [("pillbox", 8 / (3 * math.pi)), ("gaussian", 0.806)]
+)
+def test_dual_pixel_halves_are_as_far_apart_near_focus_as_their_halves_of_the_lens(
+    ks, psf_type, shift
+):
+    lens = camera()
+    radius = torch.tensor([-1.9, -0.43, -0.024, -1e-9, 0.0, 1e-5, 0.024, 0.43, 0.51, 0.97, 1.6])
+    radius = radius.double().requires_grad_()
+    left, right = lens.psf_dp(at_radius(lens, radius), ks, psf_type, strict=True)
+    columns = torch.arange(ks, dtype=DTYPE)
+    apart = ((right - left).sum(1) * columns).sum(1)
+    torch.testing.assert_close(apart, shift * radius, atol=1e-9, rtol=1e-3)
+    (slope,) = torch.autograd.grad(apart.sum(), radius)
+    torch.testing.assert_close(slope, torch.full_like(radius, shift), atol=1e-6, rtol=1e-3)
+    assert min(left.min(), right.min()) > (-0.11 if ks % 2 else -1e-3)
+
+
+@pytest.mark.parametrize("ks", [63, 64])
+def test_the_distance_of_dual_pixel_halves_does_not_jump(ks):
+    lens = camera()
+    radius = torch.arange(-12, 6, 0.05, dtype=DTYPE)
+    left, right = lens.psf_dp(at_radius(lens, radius), ks, "pillbox", strict=True)
+    apart = ((right - left).sum(1) * torch.arange(ks, dtype=DTYPE)).sum(1)
+    expected = 8 * radius / (3 * math.pi)
+    torch.testing.assert_close(apart, expected, atol=1e-9, rtol=0.01)
 
 
 @pytest.mark.parametrize(("front", "back"), [(1000.0, 2000.0), (2000.0, 6000.0), (1500.0, 3000.0)])
@@ -166,7 +222,7 @@ def test_gradients_reach_depth_and_lens_through_psf_and_rendering():
     for gradient in torch.autograd.grad(sharpness, [depth, *parameters]):
         assert gradient.isfinite().all()
         assert gradient.abs().max() > 0
-    psf = lens.psf(axis_points(-1500.0), 31, "pillbox")
+    psf = lens.psf(axis_points(-1500.0), ks=31, psf_type="pillbox")
     assert all(g != 0 for g in torch.autograd.grad(psf.max(), parameters))
 
 

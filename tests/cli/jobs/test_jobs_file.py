@@ -37,6 +37,8 @@ depth-repair = "off"
     assert job.machine == Machine("draft", depth_repair="off", device="cpu", threads=3)
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nexr-type = "float"\n')
     assert job.outputs.exr_type == "float"
+    (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')
+    assert job.outputs.jpeg_quality == 80
 
 
 def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
@@ -74,21 +76,29 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         ("lens = 1\n", r"unknown key 'lens'"),
         ("[lens]\nfocus-length = 1\n", r"\[lens\]: unknown key 'focus-length'"),
         ("[lens]\nfocal-length = 50\n", r"\[lens\] focal-length: '50' has no unit; write it with"),
-        ("[lens]\nfnumber = 2\nfocus = '2m'\n", r"\[lens\]: has no focal-length; write focal-"),
+        (
+            "[lens]\nfnumber = 2\nfocus = '2m'\n",
+            r"jobs\.toml: focal-length: is missing; write focal-",
+        ),
         (
             LENS + "focus = '2m'\n",
-            r"\[lens\]: has no fnumber, nor aperture-diameter; write fnumber",
+            r"fnumber: is missing; write fnumber = .* or aperture-diameter below \[lens\]",
         ),
-        (LENS + "fnumber = 2\n", r"\[lens\]: has no focus, nor focus-at; write focus = \"2m\""),
+        (
+            LENS + "fnumber = 2\n",
+            r"focus: is missing; write focus = \"2m\" or focus-at below \[lens\]",
+        ),
         (FIXED + "focus-at = [1, 2]\n", r"\[lens\] focus: contradicts focus-at"),
         (LENS + "fnumber = 2\nfocus = '4cm'\n", r"jobs\.toml: focus: 40mm is not farther than"),
         (FIXED + "max-coc = '4mm'\n", r"\[lens\] max-coc: '4mm' has an unknown unit"),
-        (FIXED + "[outputs]\nkinds = ['rendre']\n", r"kinds: 'rendre' is not an output; did you"),
+        (FIXED + "[outputs]\nkinds = ['rendre']\n", r"kinds: 'rendre' is not known; did you"),
         (FIXED + "[outputs]\nkinds = []\n", r"\[outputs\] kinds: \[\] is no list"),
         (FIXED + "[outputs]\nformat = 'gif'\n", r"\[outputs\] format: 'gif' is not known; choose"),
         (FIXED + "[outputs]\nformat = [1]\n", r"\[outputs\] format: '\[1\]' is not known"),
         (FIXED + "[outputs]\nexr-type = 'double'\n", r"exr-type: 'double' is not known"),
         (FIXED + "[outputs]\nexr-type = 'half'\nformat = 'jpg'\n", r"exr-type: says nothing about"),
+        (FIXED + "[outputs]\njpeg-quality = 101\nformat = 'jpg'\n", r"101 is not .* of 1 to 100"),
+        (FIXED + "[outputs]\njpeg-quality = 80\n", r"jpeg-quality: says nothing about exr"),
         (FIXED + "[outputs]\npreview = 1\n", r"preview: 1 is neither true nor false"),
         (FIXED + "[outputs]\nout = 'o'\n", r"\[outputs\]: unknown key 'out'"),
         (

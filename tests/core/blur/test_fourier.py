@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from defocus_core.blur.fourier import reach, transform_length
-from defocus_core.optics.aperture import kernel
+from defocus_core.optics.aperture import Aperture
 
 
 @pytest.mark.parametrize("n", [*range(1, 300), 1000, 4097, 12345])
@@ -21,7 +21,7 @@ def test_a_transform_length_is_near_and_fast(n: int) -> None:
 @pytest.mark.parametrize("r", [0.0, 0.4, 0.5, 0.51, 1.5, -1.6, 7.0, -30.49])
 def test_a_slice_spreads_as_far_as_its_kernel(r: float) -> None:
     spread = reach(r, 1000)
-    psf = kernel(torch.tensor(r, dtype=torch.float64), 2 * spread + 3)
+    psf = Aperture().kernel(torch.tensor(r, dtype=torch.float64), 2 * spread + 3)
     assert float(psf[1:-1, 1:-1].sum()) == pytest.approx(1.0, abs=1e-12)
     if spread:
         assert psf[:, 1].sum() > 0

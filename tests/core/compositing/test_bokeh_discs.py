@@ -10,7 +10,7 @@ from defocus_core.compositing.bokeh_discs import draw
 from defocus_core.compositing.highlights import Highlights
 from defocus_core.images.box import Box
 from defocus_core.layers.ladder import position
-from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel
+from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part
 
 RADII = tuple(float(r) for r in range(-12, 31, 2))
 H, W = 61, 83
@@ -43,7 +43,7 @@ def pixel_by_pixel(
         some.at.tolist(), some.light, some.signed_radius.tolist(), strict=True
     ):
         extent = math.ceil(abs(r))
-        disc = kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, aperture, part)
+        disc = aperture.kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, part)
         limit = r - max(1.5, 0.15 * abs(r))
 
         grid = [(k + 0.5) / 8 for k in range(-8, 8)]

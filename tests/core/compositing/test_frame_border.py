@@ -10,7 +10,6 @@ from torch import Tensor
 from defocus_core import QUALITIES, Aperture, render
 from defocus_core.compositing.frame_border import share_in_frame
 from defocus_core.images.box import Box
-from defocus_core.optics.aperture import parts
 
 
 def seen_by_samples(r: float, x: int, y: int, size: tuple[int, int], aperture: Aperture) -> Tensor:
@@ -23,7 +22,7 @@ def seen_by_samples(r: float, x: int, y: int, size: tuple[int, int], aperture: A
         q = at - r * along
         inside &= (q >= -0.5) & (q <= length - 0.5)
     shares = []
-    for part in parts(aperture, 4):
+    for part in aperture.parts(4):
         mine = (u[0] >= part.x0) & (u[0] < part.x1) & (u[1] >= part.y0) & (u[1] < part.y1)
         shares.append((inside & mine).sum() / mine.sum())
     return torch.stack(shares)
@@ -33,7 +32,7 @@ def seen_by_samples(r: float, x: int, y: int, size: tuple[int, int], aperture: A
 def test_the_share_in_the_frame_is_that_of_samples(r: float, x: int, y: int) -> None:
     size, aperture = (50, 40), Aperture()
     radius = torch.full((1, 1), r, dtype=torch.float64)
-    found = share_in_frame(radius, Box(y, x, 1, 1), size, 1 << 10, aperture, parts(aperture, 4))
+    found = share_in_frame(radius, Box(y, x, 1, 1), size, aperture, aperture.parts(4))
     assert worst(found.flatten(), seen_by_samples(r, x, y, size, aperture)) < 5e-3
 
 

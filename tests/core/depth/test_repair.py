@@ -3,12 +3,14 @@
 Depth that a renderer wrote comes out as the same object; pictures of it do not know the switch.
 """
 
+from functools import partial
+
 import pytest
 import torch
 from streams import Windows, put_together, same
 from torch import Tensor
 
-from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render
+from defocus_core import DefocusLens, RandomDefocus, Settings, diagnose_depth, render
 from defocus_core.depth.repair import repaired
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.images import derived
@@ -84,7 +86,7 @@ def test_windows_are_repaired_as_the_whole(
     whole = render(image, radius, quality=quality)
     monkeypatch.setattr(derived, "_HELD", 0)
     for hold in (False, True):
-        stream = Stream(Windows(image), Windows(radius), quality=quality, hold=hold)
+        stream = Stream(Windows(image), Windows(radius), Settings(quality=quality), hold=hold)
         assert same(put_together(stream), whole)
 
 
@@ -103,7 +105,7 @@ def test_radii_are_read_once_to_be_repaired_where_there_is_room(
 
 def test_repair_off_diagnoses_nothing() -> None:
     for make in DAMAGED.values():
-        assert not any(Stream(*make(), depth_repair="off").repair)
+        assert not any(Stream(*make(), Settings(depth_repair="off")).repair)
 
 
 def test_a_lens_takes_the_switch() -> None:
@@ -127,9 +129,8 @@ def test_a_lens_takes_the_switch() -> None:
 
 
 def test_another_word_is_refused() -> None:
-    image, radius = noisy()
-    for door in (render, Stream):
+    for door in (partial(render, *noisy()), Settings):
         with pytest.raises(ValueError, match="depth_repair must be one of auto, off, got 'on'"):
-            door(image, radius, depth_repair="on")
+            door(depth_repair="on")
     with pytest.raises(ValueError, match="depth_repair must be one of auto, off, got True"):
         RandomDefocus(depth_repair=True)  # type: ignore[arg-type]

@@ -61,15 +61,15 @@ def test_the_light_of_a_cell_belongs_where_its_pixel_is() -> None:
     assert float(surface_radii(radius, image.flip(-1))) == pytest.approx(-5.1)
 
 
-def test_what_is_known_of_a_cell_is_what_is_known_of_its_pixels() -> None:
+def test_a_known_layer_in_cells_has_the_known_pixels_of_each_cell() -> None:
     mask = torch.tensor([[True, False, False, False], [True, True, False, False]])
     color = torch.tensor([[[0.3, 99.0, 99.0, 99.0], [0.6, 0.9, 99.0, 99.0]]])
     radius = torch.tensor([[4.0, torch.nan, 9.0, 9.0], [4.2, 4.4, 9.0, 9.0]])
-    found = behind_at_half_size(Behind(color, radius, mask), threads=1, hold=False)
-    assert torch.equal(found.mask[:], torch.tensor([[True, False]]))
-    assert torch.allclose(found.color[...][0], torch.tensor([[0.6, 0.0]]))
-    assert torch.equal(found.color[...][1], torch.zeros(1, 2))
-    assert torch.allclose(found.signed_radius[:], torch.tensor([[2.1, 0.0]]))
+    cells = behind_at_half_size(Behind(color, radius, mask), threads=1, hold=False)
+    assert torch.equal(cells.mask[:], torch.tensor([[True, False]]))
+    assert torch.allclose(cells.color[...][0], torch.tensor([[0.6, 0.0]]))
+    assert torch.equal(cells.color[...][1], torch.zeros(1, 2))
+    assert torch.allclose(cells.signed_radius[:], torch.tensor([[2.1, 0.0]]))
 
 
 def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:

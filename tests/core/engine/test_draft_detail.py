@@ -7,8 +7,8 @@ from torch import Tensor
 from defocus_core.engine.draft_cells import means
 from defocus_core.engine.draft_detail import (
     AROUND,
-    NONE,
-    Given,
+    NO_DETAIL,
+    Original,
     doubled,
     left_of_detail,
     share_left,
@@ -43,10 +43,10 @@ def test_polynomials_of_fourth_order_stay_what_they_are(power: int) -> None:
     x = torch.arange(-16, 17, dtype=torch.float64) / 16
     row = 3 + (x[1:] ** (power + 1) - x[:-1] ** (power + 1)) * 16 / (power + 1)
     px = row.expand(32, 32).clone()
-    found = pixels_of(means(px)[None])[0]
+    doubled_px = pixels_of(means(px)[None])[0]
     inner = slice(2 * AROUND, -2 * AROUND)
-    assert torch.allclose(found[inner, inner], px[inner, inner], atol=1e-12)
-    assert torch.allclose(pixels_of(means(px.T)[None])[0].T, found, atol=1e-15)
+    assert torch.allclose(doubled_px[inner, inner], px[inner, inner], atol=1e-12)
+    assert torch.allclose(pixels_of(means(px.T)[None])[0].T, doubled_px, atol=1e-15)
 
 
 @pytest.mark.parametrize("low", [0.0, 0.4])
@@ -54,9 +54,9 @@ def test_beside_a_step_little_rings(low: float) -> None:
     """Nothing where contrast is high, a twelfth of the step where it is low."""
     cells = torch.full((1, 12, 12), low, dtype=torch.float64)
     cells[:, 3:9, 3:9] = 1.0
-    found = pixels_of(cells)
-    assert float(found.min()) >= low * 0.9
-    assert float(found.max()) <= 1.0 + 0.25 * low
+    px = pixels_of(cells)
+    assert float(px.min()) >= low * 0.9
+    assert float(px.max()) <= 1.0 + 0.25 * low
 
 
 def test_a_part_is_a_part_of_the_whole() -> None:
@@ -69,7 +69,7 @@ def test_a_part_is_a_part_of_the_whole() -> None:
 
 
 def test_a_disc_leaves_less_of_detail_the_larger_it_is() -> None:
-    r = torch.tensor([0.0, SHARP, 0.5, 1.0, 1.5, 2.0, NONE, 9.0], dtype=torch.float64)
+    r = torch.tensor([0.0, SHARP, 0.5, 1.0, 1.5, 2.0, NO_DETAIL, 9.0], dtype=torch.float64)
     left = left_of_detail(r)
     assert left[:2].tolist() == [1.0, 1.0]
     assert left[-2:].tolist() == pytest.approx([0.0, 0.0], abs=1e-8)
@@ -82,28 +82,28 @@ def at(r: float, shown: float, copies: int = 1) -> tuple[Tensor, Tensor]:
     pixels = 0.25 + 0.5 * noise(2, 12, 16)
     radius = torch.full((12, 16), r, dtype=torch.float64)
     cells, share = means(pixels), share_left(radius)
-    given = Given(cells, share, pixels, radius)
+    original = Original(cells, share, pixels, radius)
     images = cells.expand(copies, *cells.shape)
-    return pixels, with_detail(images, shown * share.expand(copies, 6, 8), given, whole(cells))
+    return pixels, with_detail(images, shown * share.expand(copies, 6, 8), original, whole(cells))
 
 
 def test_in_focus_and_in_full_view_a_pixel_is_as_it_was() -> None:
-    pixels, found = at(0.1, 1.0, 3)
-    for picture in found:
+    pixels, pictures = at(0.1, 1.0, 3)
+    for picture in pictures:
         assert torch.allclose(picture, pixels, atol=1e-15)
 
 
 @pytest.mark.parametrize(("r", "shown"), [(0.0, 0.6), (1.0, 1.0), (1.5, 0.5)])
 def test_detail_is_added_as_far_as_it_is_left_and_shown(r: float, shown: float) -> None:
-    pixels, (found,) = at(r, shown)
+    pixels, (picture,) = at(r, shown)
     own = pixels_of(means(pixels))
     share = shown * float(left_of_detail(torch.tensor(r)))
-    assert torch.allclose(found, own + share * (pixels - own), atol=2e-3)
+    assert torch.allclose(picture, own + share * (pixels - own), atol=2e-3)
 
 
 @pytest.mark.parametrize("r", [0.5, 2.0, 2.4])
 def test_what_is_all_but_in_full_view_looks_as_if_it_were(r: float) -> None:
-    """Tiles are told apart by that: where one ends and the other begins there is no seam."""
+    """A tile may be in full view and the next one nearly: there is no seam between them."""
     (pixels, (whole,)), (_, (nearly,)) = at(r, 1.0), at(r, 1 - 2e-5)
     assert torch.allclose(nearly, whole, atol=1e-5)
     left = float(left_of_detail(torch.tensor(r)))
@@ -111,8 +111,8 @@ def test_what_is_all_but_in_full_view_looks_as_if_it_were(r: float) -> None:
 
 
 def test_beyond_reach_of_focus_cells_alone_are_shown() -> None:
-    pixels, (found,) = at(3.0, 1.0)
-    assert torch.equal(found, pixels_of(means(pixels)))
+    pixels, (picture,) = at(3.0, 1.0)
+    assert torch.equal(picture, pixels_of(means(pixels)))
 
 
 @pytest.mark.parametrize("r", [-1.0, 0.7])
@@ -125,7 +125,7 @@ def test_detail_is_shifted_apart_as_the_halves_are(r: float) -> None:
     cells = means(pixels)
     images, shown = cells.expand(3, 1, 6, 32), share.expand(3, 6, 32)
     centre, left, right = with_detail(
-        images, shown, Given(cells, share, pixels, radius), whole(cells)
+        images, shown, Original(cells, share, pixels, radius), whole(cells)
     )
     assert torch.allclose((left + right) / 2, centre, atol=1e-15)
     wave = torch.exp(0.3j * torch.pi * x)[8:48]  # twelve half waves

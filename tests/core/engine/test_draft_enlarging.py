@@ -9,6 +9,7 @@ from streams import Windows, put_together, same
 from torch import Tensor
 
 from defocus_core import render
+from defocus_core.engine.settings import Settings
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.images import derived
 from defocus_core.inpainting.hidden_layers import HiddenLayer
@@ -37,12 +38,12 @@ def test_far_from_focus_a_draft_is_a_picture_of_half_the_size_enlarged() -> None
 @pytest.mark.parametrize("size", [(40, 56), (41, 57), (1, 30), (30, 1), (1, 1), (3, 2)])
 def test_any_size_is_rendered(size: tuple[int, int]) -> None:
     image, radius = noise(2, *size), torch.linspace(-2, 4, size[1]).expand(size)
-    seen = render(image, radius, quality="draft", left_right=True)
-    assert seen.left is not None
-    assert seen.render.shape == seen.left.shape == image.shape
-    assert seen.trust.shape == (1, *size)
-    assert seen.stats["pixels"] == size[0] * size[1]
-    assert bool(torch.isfinite(seen.render).all())
+    views = render(image, radius, quality="draft", left_right=True)
+    assert views.left is not None
+    assert views.render.shape == views.left.shape == image.shape
+    assert views.trust.shape == (1, *size)
+    assert views.stats["pixels"] == size[0] * size[1]
+    assert bool(torch.isfinite(views.render).all())
 
 
 def test_a_black_picture_stays_black() -> None:
@@ -52,16 +53,16 @@ def test_a_black_picture_stays_black() -> None:
 
 def test_a_frame_in_focus_is_copied() -> None:
     image, radius = noise(3, 40, 50), torch.full((40, 50), 0.14)
-    seen = render(image, radius, quality="draft")
-    assert torch.equal(seen.render, image)
-    assert seen.stats["pixels_copied"] == 2000
+    views = render(image, radius, quality="draft")
+    assert torch.equal(views.render, image)
+    assert views.stats["pixels_copied"] == 2000
 
 
 def test_what_is_in_focus_keeps_its_detail_beside_what_is_not() -> None:
     image, radius = noise(3, 80, 120), torch.zeros(80, 120)
     radius[:, 60:] = 8.0
-    seen = render(image, radius, quality="draft", left_right=True)
-    for picture in (seen.render, seen.left, seen.right):
+    views = render(image, radius, quality="draft", left_right=True)
+    for picture in (views.render, views.left, views.right):
         assert picture is not None
         assert worst(picture[..., :50], image[..., :50]) < 1e-6
 
@@ -71,15 +72,15 @@ def test_a_blurred_card_hides_detail_as_far_as_it_covers_it() -> None:
     layers, size = card_layers(-7.0, 0.0), (40, 56)
     image, radius = flatten(layers, size)
     truth = layered(layers, lens_points(24), size)
-    seen = render(image, radius, quality="draft").render
-    beside = (radius == 0).expand(seen.shape)
-    coarse = torch.nn.functional.interpolate(half(seen)[None], size, mode="bilinear")[0]
+    views = render(image, radius, quality="draft").render
+    beside = (radius == 0).expand(views.shape)
+    coarse = torch.nn.functional.interpolate(half(views)[None], size, mode="bilinear")[0]
     full = (
         coarse
         + image
         - torch.nn.functional.interpolate(half(image)[None], size, mode="bilinear")[0]
     )
-    error = psnr(seen[beside], truth[beside])
+    error = psnr(views[beside], truth[beside])
     assert error > psnr(coarse[beside], truth[beside])
     assert error > psnr(full[beside], truth[beside])
 
@@ -109,9 +110,7 @@ def test_a_stream_of_a_draft_is_its_rendering(
     stream = Stream(
         Windows(image),
         Windows(radius),
-        quality="draft",
-        left_right=True,
-        threads=2,
+        Settings(quality="draft", left_right=True, threads=2),
         hidden=Behind(*map(Windows, hidden)) if behind else None,
     )
     assert same(put_together(stream), whole)
@@ -126,9 +125,9 @@ def test_gradients_of_a_draft_are_slopes() -> None:
     for k, direction in enumerate((noise(3, 12, 14).double(), noise(12, 14).double())):
         moved = []
         for step in (1e-4, -1e-4):  # rounding: 1e-9
-            given = [image, radius]
-            given[k] = given[k] + step * direction
-            moved.append(float((render(*given, quality="draft").render * weight).sum()))
+            scene = [image, radius]
+            scene[k] = scene[k] + step * direction
+            moved.append(float((render(*scene, quality="draft").render * weight).sum()))
         grad = at[k].grad
         assert grad is not None
         finite = (moved[0] - moved[1]) / 2e-4
@@ -140,7 +139,7 @@ def test_depth_of_photographs_is_repaired_before_it_is_halved() -> None:
     image, radius = scenery("cards", 300, 400, 24.0)
     around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
     soft = torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
-    draft = Stream(image, soft, quality="draft")
+    draft = Stream(image, soft, Settings(quality="draft"))
     assert draft.repair == Stream(image, soft).repair
     assert draft.repair.soft_edges
     hard = render(image, radius, quality="draft").render

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import AROUND, without_ramps
-from defocus_core.engine.statistics import survey
+from defocus_core.engine.statistics import needs_double, surveyed
 from defocus_core.images.box import Box
 from defocus_core.images.derived import Repaired
 from defocus_core.images.source import bands, spread
@@ -30,9 +30,9 @@ def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 7.0
     radius[row, 5] = 1.0
-    seen = survey(noise(3, *SIZE), radius, torch.float32, 1)
-    assert seen.steepest == (7.0, 1.0)
-    assert (seen.least, seen.most) == (0.0, 7.0)
+    survey = surveyed(noise(3, *SIZE), radius, torch.float32, 1)
+    assert survey.steepest == (7.0, 1.0)
+    assert (survey.least, survey.most) == (0.0, 7.0)
 
 
 @pytest.mark.parametrize("row", [1, 254, 255, 256, 598])
@@ -58,24 +58,25 @@ def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row: int) -> None
 
 def test_brightness_is_that_of_the_brightest_channel() -> None:
     image = noise(3, *SIZE)
-    seen = survey(image.half(), torch.zeros(SIZE), torch.float32, 2)
+    survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32, 2)
     whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
     for rank in (1, 5000, 14399, 14400):
-        low, high = seen.brightness.about(rank)
+        low, high = survey.brightness.about(rank)
         assert low <= float(whole[rank - 1]) <= high
-        assert seen.brightness.exactly(rank) == float(whole[rank - 1])
-    assert seen.darkest == float(image.half().min())
+        assert survey.brightness.exactly(rank) == float(whole[rank - 1])
+    assert survey.darkest == float(image.half().min())
 
 
-def test_some_pixels_are_evenly_spread_across_bands() -> None:
-    image = noise(3, *SIZE).double()
-    some = image.amax(0)[::3, ::3]
-    seen = survey(image, torch.zeros(SIZE), torch.float64, 1)
-    assert seen.lit.total == some.numel()
-    assert seen.black == int((some <= 0).sum())
-    middle = some[some > 0].median()
-    rank = seen.black + int((some > 0).sum() + 1) // 2
-    assert seen.lit.exactly(rank) == float(middle)
+@pytest.mark.parametrize(("dark", "double"), [(1.1e-3, False), (0.9e-3, True)])
+def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(
+    dark: float, double: bool
+) -> None:
+    image = torch.zeros(3, *SIZE)
+    image[1, :400] = dark
+    image[0, 7, 7] = 1.0
+    survey = surveyed(image, torch.zeros(SIZE), torch.float32, 2)
+    assert needs_double(survey, limit=1.0) == double
+    assert not needs_double(survey, limit=dark)
 
 
 @pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
@@ -85,10 +86,10 @@ def test_what_is_not_finite_is_found_in_every_band(value: float, row: int) -> No
     broken = image.clone()
     broken[1, row, 3] = value
     with pytest.raises(ValueError, match="image must be finite"):
-        survey(broken, radius, torch.float32, 1)
+        surveyed(broken, radius, torch.float32, 1)
     radius[row, 3] = value
     with pytest.raises(ValueError, match="signed_radius must be finite"):
-        survey(image, radius, torch.float32, 1)
+        surveyed(image, radius, torch.float32, 1)
 
 
 def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None:

@@ -9,11 +9,11 @@ from defocus_core import render
 from defocus_core.engine import region_schedule
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.preparation import frame_of
+from defocus_core.engine.settings import Settings
 from defocus_core.engine.unchanged_parts import blurred_part
 from defocus_core.images.box import Box
 from defocus_core.images.tiling import BLOCK, Grid
 from defocus_core.layers.quality import find
-from defocus_core.optics.aperture import Aperture
 
 H, W = 560, 640
 # Rows and columns that are out of focus.
@@ -38,18 +38,8 @@ def scene(spot: Box, *, hard: bool) -> tuple[torch.Tensor, torch.Tensor]:
     return image, -9.0 * (inside > 0).float() if hard else (0.3 * inside).clamp(max=7)
 
 
-def looked_at(image: torch.Tensor, radius: torch.Tensor) -> Frame:
-    return frame_of(
-        image,
-        radius,
-        aperture=Aperture(),
-        quality=find("standard"),
-        left_right=False,
-        num_layers=None,
-        psf_ks=None,
-        hidden=None,
-        threads=1,
-    )
+def frame_for(image: torch.Tensor, radius: torch.Tensor) -> Frame:
+    return frame_of(image, radius, Settings(), find("standard"), None)
 
 
 @pytest.mark.parametrize("hard", [False, True])
@@ -58,23 +48,23 @@ def test_what_is_copied_is_what_would_be_computed(
     spot: str, hard: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     image, radius = scene(SPOTS[spot], hard=hard)
-    found = render(image, radius, left_right=True, tile=96)
+    views = render(image, radius, left_right=True, tile=96)
     with monkeypatch.context() as patch:
         patch.setattr(region_schedule, "blurred_part", lambda frame, grid, radii: grid)
         whole = render(image, radius, left_right=True, tile=96)
-    assert found.stats["slice_tiles_done"] <= whole.stats["slice_tiles_done"]
-    assert found.stats["pixels_copied"] >= whole.stats["pixels_copied"] > 0
-    assert found.stats["pixels"] == whole.stats["pixels"] == H * W
-    assert found.stats["tiles"] == whole.stats["tiles"]
+    assert views.stats["slice_tiles_done"] <= whole.stats["slice_tiles_done"]
+    assert views.stats["pixels_copied"] >= whole.stats["pixels_copied"] > 0
+    assert views.stats["pixels"] == whole.stats["pixels"] == H * W
+    assert views.stats["tiles"] == whole.stats["tiles"]
     for name in ("render", "left", "right", "trust"):
-        assert torch.allclose(getattr(found, name), getattr(whole, name), atol=2e-6), name
+        assert torch.allclose(getattr(views, name), getattr(whole, name), atol=2e-6), name
 
 
 @pytest.mark.parametrize("hard", [False, True])
 @pytest.mark.parametrize("spot", SPOTS)
 def test_tiles_are_cut_to_the_blocks_that_light_reaches(spot: str, hard: bool) -> None:
     image, radius = scene(SPOTS[spot], hard=hard)
-    frame = looked_at(image, radius)
+    frame = frame_for(image, radius)
     part = blurred_part(frame, frame.grid, radius)
     assert part is not None
     assert SPOTS[spot].grown(0, part.box) == SPOTS[spot]
@@ -88,7 +78,7 @@ def test_a_little_blur_reaches_less_far_than_much_of_it() -> None:
     """Light of a pixel spreads by its own radius, not by the greatest of the frame."""
     y = torch.arange(H)[:, None].expand(H, W)
     radius = 40 * (1 - y / 120).clamp(min=0)
-    frame = looked_at(torch.rand(3, H, W), radius)
+    frame = frame_for(torch.rand(3, H, W), radius)
     part = blurred_part(frame, frame.grid, radius)
     assert part is not None
     assert 120 < part.box.height <= 120 + 24 + 2 * BLOCK < 120 + frame.margin
@@ -96,7 +86,7 @@ def test_a_little_blur_reaches_less_far_than_much_of_it() -> None:
 
 def test_of_a_frame_in_focus_nothing_must_be_computed() -> None:
     image, radius = scene(Box(0, 0, 0, 0), hard=False)
-    frame = looked_at(image, radius)
+    frame = frame_for(image, radius)
     assert blurred_part(frame, frame.grid, radius) is None
     grid: Grid = frame.grid
     radius[H // 2, W // 2 + 3] = 0.3  # between the pixels that are looked at first
@@ -109,10 +99,10 @@ def test_what_is_copied_hands_gradients_on() -> None:
     image, radius = scene(SPOTS["middle"], hard=True)
     plain = render(image, radius, tile=96)
     weights = torch.rand(3, H, W, generator=torch.Generator().manual_seed(1))
-    found = render(image.requires_grad_(), radius, tile=96)
-    assert torch.equal(found.render, plain.render)
-    assert torch.equal(found.trust, plain.trust)
-    (found.render * weights).sum().backward()
+    views = render(image.requires_grad_(), radius, tile=96)
+    assert torch.equal(views.render, plain.render)
+    assert torch.equal(views.trust, plain.trust)
+    (views.render * weights).sum().backward()
     assert image.grad is not None
     blurred = SPOTS["middle"].grown(64, Box(0, 0, H, W))
     copied = torch.ones(H, W, dtype=torch.bool)

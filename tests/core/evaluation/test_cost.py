@@ -5,11 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from typing import Any
 
 import pytest
 import torch
 
-from defocus_core import Stream, cost, memory_bound
+from defocus_core import Settings, Stream, cost, memory_bound
 from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
 
 SIZE = (200, 300)
@@ -18,21 +19,21 @@ SIZE = (200, 300)
 _PEAK = """
 import sys, torch
 from defocus_cli.system import memory
-from defocus_core import Stream, memory_bound
+from defocus_core import Settings, Stream, memory_bound
 from defocus_core import scenery
 
 torch.set_num_threads(1)
 memory.share_heap()
 kind, height, width, radius, quality, pair, threads = sys.argv[1:]
 threads, views = int(threads), pair == "pair"
-settings = {"left_right": views, "threads": threads}
+settings = Settings(quality=quality, left_right=views, threads=threads)
 small = scenery(kind, 64, 96, 4.0)
-for _ in Stream(small[0], small[1], quality=quality, **settings).regions():
+for _ in Stream(small[0], small[1], settings).regions():
     pass
 image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
 memory.reset_peak()
 before = memory.held_mb()
-stream = Stream(image, radii, quality=quality, **settings)
+stream = Stream(image, radii, settings)
 bound = memory_bound(stream, threads, threads)
 for _ in stream.regions():
     pass
@@ -40,9 +41,9 @@ print(1e6 * (memory.peak_mb() - before), bound)
 """
 
 
-def stream(kind: str, radius: float = 8.8, **settings: object) -> Stream:
+def stream(kind: str, radius: float = 8.8, **options: Any) -> Stream:
     image, signed_radius = scenery(kind, *SIZE, radius)[:2]
-    return Stream(image, signed_radius, **settings)  # type: ignore[arg-type]
+    return Stream(image, signed_radius, Settings(**options))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -107,11 +108,12 @@ def test_work_tells_seconds_within_a_factor_of_two(kind: str, quality: str) -> N
 
     def seconds_per_unit(kind: str, quality: str) -> float:
         image, radius = scenery(kind, 540, 960, 16.0)[:2]
-        picture = Stream(image, radius, quality=quality)
+        settings = Settings(quality=quality)
+        picture = Stream(image, radius, settings)
         times = []
         for _ in range(3):
             start = time.process_time()
-            for _ in Stream(image, radius, quality=quality).regions():
+            for _ in Stream(image, radius, settings).regions():
                 pass
             times.append(time.process_time() - start)
         return min(times) / cost(picture).work

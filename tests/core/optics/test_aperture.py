@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tolerances import ROUNDING, SUM
 from torch import Tensor
 
-from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part, kernel, part_area, parts
+from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part
 
 DISC = Aperture()
 HEXAGON = Aperture(blades=6, rotation=10.0)
@@ -56,7 +56,7 @@ def centres(size: int) -> Tensor:
     dtype=st.sampled_from([torch.float32, torch.float64]),
 )
 def test_every_kernel_that_fits_sums_to_one(radius, size, aperture, part, dtype):
-    k = kernel(torch.tensor(radius, dtype=dtype), size, aperture, part)
+    k = aperture.kernel(torch.tensor(radius, dtype=dtype), size, part)
     assert k.dtype == dtype
     assert k.min() >= 0
     assert float(k.sum()) == pytest.approx(1, abs=SUM[dtype])
@@ -66,10 +66,10 @@ def test_every_kernel_that_fits_sums_to_one(radius, size, aperture, part, dtype)
 @pytest.mark.parametrize("part", [FULL, LEFT, RIGHT, OBLIQUE])
 @pytest.mark.parametrize(("radius", "size"), [(3.3, 9), (-4.1, 10), (0.83, 4), (5.0, 11)])
 def test_a_pixel_holds_the_share_of_the_area_that_falls_on_it(aperture, part, radius, size):
-    k = kernel(double(radius), size, aperture, part)
+    k = aperture.kernel(double(radius), size, part)
     expected = sampled(radius, size, aperture, part)
     # along an upright or level edge the count is off by up to half a column of sub-pixels
-    tolerance = 1.5 / FINE / (math.pi * radius**2 * part_area(aperture, part))
+    tolerance = 1.5 / FINE / (math.pi * radius**2 * aperture.share(part))
     assert (k - expected).abs().max() < tolerance
     assert (k - expected).abs().mean() < tolerance / 10
 
@@ -78,13 +78,13 @@ def test_a_pixel_holds_the_share_of_the_area_that_falls_on_it(aperture, part, ra
 @pytest.mark.parametrize("aperture", APERTURES)
 def test_below_half_a_pixel_an_odd_kernel_is_a_delta(aperture, size):
     for radius in (0.0, 1e-12, 0.3, -0.5):
-        k = kernel(double(radius), size, aperture)
+        k = aperture.kernel(double(radius), size)
         assert float(k[size // 2, size // 2]) == pytest.approx(1, abs=ROUNDING[torch.float64])
 
 
 def test_at_radius_zero_an_even_kernel_is_shared_by_the_four_middle_pixels():
     for aperture in FLAT[:2]:
-        k = kernel(double(0.0), 8, aperture)
+        k = aperture.kernel(double(0.0), 8)
         torch.testing.assert_close(k[3:5, 3:5].sum(), double(1.0))
         torch.testing.assert_close(k, k.flip(0, 1))
 
@@ -92,14 +92,14 @@ def test_at_radius_zero_an_even_kernel_is_shared_by_the_four_middle_pixels():
 @pytest.mark.parametrize("aperture", APERTURES)
 @pytest.mark.parametrize("part", [FULL, LEFT, OBLIQUE])
 def test_a_negative_radius_turns_pupil_and_part_by_half_a_turn(aperture, part):
-    far, near = (kernel(double(r), 13, aperture, part) for r in (5.3, -5.3))
+    far, near = (aperture.kernel(double(r), 13, part) for r in (5.3, -5.3))
     torch.testing.assert_close(near, far.flip(0, 1), atol=1e-14, rtol=0)
 
 
 @pytest.mark.parametrize("size", [65, 66])
 def test_second_moment_of_a_disc_is_a_quarter_r_squared_plus_a_twelfth(size):
     radius = torch.arange(2, 32, 0.05, dtype=torch.float64)
-    moment = (kernel(radius, size).sum(-2) * centres(size) ** 2).sum(-1)
+    moment = (DISC.kernel(radius, size).sum(-2) * centres(size) ** 2).sum(-1)
     # any disc on a grid has a ripple about the law, of the size of the rim's curvature
     assert ((moment - radius**2 / 4 - 1 / 12).abs() < 0.085 / radius.sqrt()).all()
     from_moment = 2 * (moment - 1 / 12).sqrt()
@@ -108,7 +108,7 @@ def test_second_moment_of_a_disc_is_a_quarter_r_squared_plus_a_twelfth(size):
 
 def test_the_effective_radius_grows_steadily_and_not_by_whole_pixels():
     radii = torch.arange(2, 6, 0.05, dtype=torch.float64)
-    moments = (kernel(radii, 15).sum(-2) * centres(15) ** 2).sum(-1)
+    moments = (DISC.kernel(radii, 15).sum(-2) * centres(15) ** 2).sum(-1)
     steps = (2 * (moments - 1 / 12).sqrt()).diff()
     assert ((steps > 0.03) & (steps < 0.07)).all()
 
@@ -117,7 +117,7 @@ def test_the_effective_radius_grows_steadily_and_not_by_whole_pixels():
 @pytest.mark.parametrize("size", [85, 86])
 def test_half_discs_lie_4_r_over_3_pi_to_the_side_of_their_lens_half(radius, size):
     for part, side in ((LEFT, -1), (RIGHT, 1)):
-        k = kernel(double(radius), size, part=part)
+        k = DISC.kernel(double(radius), size, part)
         offset = float((k.sum(0) * centres(size)).sum())
         # the straight cut through pixels leaves the same kind of ripple as the rim
         assert offset == pytest.approx(side * 4 * radius / (3 * math.pi), rel=1e-3, abs=0.05)
@@ -126,9 +126,9 @@ def test_half_discs_lie_4_r_over_3_pi_to_the_side_of_their_lens_half(radius, siz
 @pytest.mark.parametrize("aperture", FLAT)
 @pytest.mark.parametrize("size", [17, 18])
 def test_left_and_right_average_by_their_areas_to_the_whole(aperture, size):
-    left, right, full = (kernel(double(6.2), size, aperture, p) for p in (LEFT, RIGHT, FULL))
-    share = part_area(aperture, LEFT)
-    assert share + part_area(aperture, RIGHT) == pytest.approx(1)
+    left, right, full = (aperture.kernel(double(6.2), size, p) for p in (LEFT, RIGHT, FULL))
+    share = aperture.share(LEFT)
+    assert share + aperture.share(RIGHT) == pytest.approx(1)
     torch.testing.assert_close(share * left + (1 - share) * right, full, atol=1e-14, rtol=0)
 
 
@@ -136,33 +136,35 @@ def test_left_and_right_average_by_their_areas_to_the_whole(aperture, size):
 @pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
 def test_round_and_even_pupils_are_the_plain_mean_of_their_halves(blades, psf_type):
     aperture = Aperture(blades, 17.0, psf_type)
-    left, right, full = (kernel(double(6.2), 18, aperture, p) for p in (LEFT, RIGHT, FULL))
-    assert part_area(aperture, LEFT) == pytest.approx(0.5, abs=1e-12)
+    left, right, full = (aperture.kernel(double(6.2), 18, p) for p in (LEFT, RIGHT, FULL))
+    assert aperture.share(LEFT) == pytest.approx(0.5, abs=1e-12)
     torch.testing.assert_close((left + right) / 2, full, atol=1e-14, rtol=0)
 
 
 @pytest.mark.parametrize("size", [17, 18])
 def test_the_halves_of_a_disc_are_mirror_images(size):
-    left, right = (kernel(double(6.2), size, part=p) for p in (LEFT, RIGHT))
+    left, right = (DISC.kernel(double(6.2), size, p) for p in (LEFT, RIGHT))
     torch.testing.assert_close(left, right.flip(-1), atol=1e-14, rtol=0)
 
 
 def test_rotation_puts_a_vertex_counter_clockwise_from_plus_x_as_seen():
-    k = kernel(double(10.0), 21, Aperture(blades=3, rotation=90.0))
+    k = Aperture(blades=3, rotation=90.0).kernel(double(10.0), 21)
     assert k[:5].sum() > 0.01  # the vertex reaches up to y = -10 beyond focus
     assert k[16:].sum() < 1e-14  # the opposite edge lies at y = 5
-    right = kernel(double(10.0), 21, Aperture(blades=3))
+    right = Aperture(blades=3).kernel(double(10.0), 21)
     torch.testing.assert_close(right, k.rot90(-1), atol=1e-14, rtol=0)
 
 
 def test_an_infinity_of_blades_is_a_disc():
-    many = kernel(double(7.3), 17, Aperture(blades=3000))
-    torch.testing.assert_close(many, kernel(double(7.3), 17), atol=1e-7, rtol=0)
+    many = Aperture(blades=3000).kernel(double(7.3), 17)
+    torch.testing.assert_close(many, DISC.kernel(double(7.3), 17), atol=1e-7, rtol=0)
 
 
 def test_gaussian_falls_off_as_its_formula_within_the_disc():
     radius, size = 9.0, 19
-    ratio = kernel(double(radius), size, GAUSSIAN) / kernel(double(radius), size).clamp(min=1e-30)
+    ratio = GAUSSIAN.kernel(double(radius), size) / DISC.kernel(double(radius), size).clamp(
+        min=1e-30
+    )
     d2 = centres(size)[:, None] ** 2 + centres(size) ** 2
     whole = d2.sqrt() < radius - 1
     expected = torch.exp(-d2 / (2 * radius**2))
@@ -175,7 +177,7 @@ def test_gaussian_falls_off_as_its_formula_within_the_disc():
 @pytest.mark.parametrize("size", [9, 10])
 def test_gradient_in_the_radius_is_that_of_the_areas(aperture, part, size):
     radius = torch.tensor([0.71, 2.33, -3.71], dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda r: kernel(r, size, aperture, part), radius)
+    assert torch.autograd.gradcheck(lambda r: aperture.kernel(r, size, part), radius)
 
 
 @pytest.mark.parametrize("aperture", APERTURES)
@@ -183,7 +185,7 @@ def test_gradient_in_the_radius_is_that_of_the_areas(aperture, part, size):
 def test_gradients_are_finite_where_square_roots_vanish(aperture, size):
     radius = torch.tensor([0, 1e-30, 0.5, 1, 1.5, -2, 4, 300], dtype=torch.float64)
     radius.requires_grad_()
-    (kernel(radius, size, aperture) ** 2).sum().backward()
+    (aperture.kernel(radius, size) ** 2).sum().backward()
     assert radius.grad is not None
     assert radius.grad.isfinite().all()
     assert radius.grad[:2].tolist() == [0, 0]
@@ -191,65 +193,65 @@ def test_gradients_are_finite_where_square_roots_vanish(aperture, size):
 
 def test_leading_shape_is_batch_and_each_kernel_is_computed_alone():
     radii = torch.linspace(-6, 6, 6, dtype=torch.float64).reshape(2, 3)
-    k = kernel(radii, 13, HEXAGON)
+    k = HEXAGON.kernel(radii, 13)
     assert k.shape == (2, 3, 13, 13)
-    torch.testing.assert_close(k[1, 2], kernel(radii[1, 2], 13, HEXAGON), atol=0, rtol=0)
+    torch.testing.assert_close(k[1, 2], HEXAGON.kernel(radii[1, 2], 13), atol=0, rtol=0)
 
 
 @pytest.mark.parametrize("aperture", FLAT)
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_parts_tile_the_pupil_half_by_half_in_equal_areas(aperture, count):
-    cells = parts(aperture, count)
-    weights = [part_area(aperture, cell) for cell in cells]
-    assert len(cells) == count
-    for cell, weight in zip(cells, weights, strict=True):
-        half = part_area(aperture, LEFT if cell.x1 <= 0 else RIGHT) if count > 1 else 1
+    parts = aperture.parts(count)
+    weights = [aperture.share(part) for part in parts]
+    assert len(parts) == count
+    for part, weight in zip(parts, weights, strict=True):
+        half = aperture.share(LEFT if part.x1 <= 0 else RIGHT) if count > 1 else 1
         assert weight == pytest.approx(half / max(count // 2, 1), abs=1e-9)
-    assert all(cell.x1 <= 0 for cell in cells[: count // 2])
+    assert all(part.x1 <= 0 for part in parts[: count // 2])
     whole = sum(
-        w * kernel(double(5.2), 13, aperture, c) for w, c in zip(weights, cells, strict=True)
+        w * aperture.kernel(double(5.2), 13, p) for w, p in zip(weights, parts, strict=True)
     )
-    torch.testing.assert_close(whole, kernel(double(5.2), 13, aperture), atol=1e-12, rtol=0)
+    torch.testing.assert_close(whole, aperture.kernel(double(5.2), 13), atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("aperture", FLAT)
 def test_sixteen_parts_tile_the_pupil_by_their_weights(aperture):
-    cells = parts(aperture, 16)
-    weights = [part_area(aperture, cell) for cell in cells]
+    parts = aperture.parts(16)
+    weights = [aperture.share(part) for part in parts]
     assert sum(weights) == pytest.approx(1, abs=0.005)  # slivers of polygons are left out
-    left = [cell.x1 <= 0 for cell in cells]
+    left = [part.x1 <= 0 for part in parts]
     assert left == sorted(left, reverse=True)
     whole = sum(
-        w * kernel(double(5.2), 13, aperture, c) for w, c in zip(weights, cells, strict=True)
+        w * aperture.kernel(double(5.2), 13, p) for w, p in zip(weights, parts, strict=True)
     )
-    torch.testing.assert_close(whole, kernel(double(5.2), 13, aperture), atol=2e-4, rtol=0)
+    torch.testing.assert_close(whole, aperture.kernel(double(5.2), 13), atol=2e-4, rtol=0)
 
 
 def test_a_quarter_turn_leaves_the_parts_of_a_disc():
     for count in (4, 16):
-        cells = {
-            tuple(round(c, 9) + 0.0 for c in (p.x0, p.x1, p.y0, p.y1)) for p in parts(DISC, count)
+        sides = {
+            tuple(round(c, 9) + 0.0 for c in (p.x0, p.x1, p.y0, p.y1)) for p in DISC.parts(count)
         }
-        assert cells == {(y0 + 0.0, y1, -x1 + 0.0, -x0 + 0.0) for x0, x1, y0, y1 in cells}
+        assert sides == {(y0 + 0.0, y1, -x1 + 0.0, -x0 + 0.0) for x0, x1, y0, y1 in sides}
 
 
 @pytest.mark.parametrize("count", [2, 4, 16])
 def test_parts_of_a_disc_are_symmetric_left_to_right_and_top_to_bottom(count):
-    def rounded(cells):
-        return {tuple(round(c, 9) + 0.0 for c in cell) for cell in cells}
+    def rounded(parts):
+        return {tuple(round(c, 9) + 0.0 for c in part) for part in parts}
 
-    cells = [(c.x0, c.x1, c.y0, c.y1) for c in parts(DISC, count)]
-    assert rounded(cells) == rounded((-x1, -x0, y0, y1) for x0, x1, y0, y1 in cells)
-    assert rounded(cells) == rounded((x0, x1, -y1, -y0) for x0, x1, y0, y1 in cells)
+    sides = [(p.x0, p.x1, p.y0, p.y1) for p in DISC.parts(count)]
+    assert rounded(sides) == rounded((-x1, -x0, y0, y1) for x0, x1, y0, y1 in sides)
+    assert rounded(sides) == rounded((x0, x1, -y1, -y0) for x0, x1, y0, y1 in sides)
 
 
 def test_gaussian_parts_weigh_their_share_of_the_profile():
-    cells = parts(GAUSSIAN, 16)
-    weights = [part_area(GAUSSIAN, cell) for cell in cells]
+    parts = GAUSSIAN.parts(16)
+    weights = [GAUSSIAN.share(part) for part in parts]
     assert sum(weights) == pytest.approx(1, abs=1e-12)
-    assert part_area(GAUSSIAN, Part(x1=0.0, y1=0.0)) == pytest.approx(0.25, abs=1e-12)
-    plain = [part_area(DISC, cell) for cell in parts(DISC, 16)]
-    assert weights[0] < plain[0]  # the outermost cell weighs less
+    assert GAUSSIAN.share(Part(x1=0.0, y1=0.0)) == pytest.approx(0.25, abs=1e-12)
+    plain = [DISC.share(part) for part in DISC.parts(16)]
+    assert weights[0] < plain[0]  # the outermost part weighs less
     assert weights[5] > plain[5]  # the innermost more
 
 
@@ -260,10 +262,10 @@ def test_gaussian_parts_weigh_their_share_of_the_profile():
         (lambda: Aperture(blades=-1), "got -1"),
         (lambda: Aperture(rotation=math.nan), "rotation must be a finite angle"),
         (lambda: Aperture(psf_type="airy"), "pillbox, gaussian, got 'airy'"),
-        (lambda: kernel(double(1.0), 0), "size must be at least 1"),
-        (lambda: kernel(torch.tensor(3), 7), "floating-point"),
-        (lambda: kernel(double(1.0), 7, DISC, Part(x0=0.9, y0=0.9)), "overlap the pupil"),
-        (lambda: parts(DISC, 3), "1, 2, 4 or 16, got 3"),
+        (lambda: DISC.kernel(double(1.0), 0), "size must be at least 1"),
+        (lambda: DISC.kernel(torch.tensor(3), 7), "floating-point"),
+        (lambda: DISC.kernel(double(1.0), 7, Part(x0=0.9, y0=0.9)), "overlap the pupil"),
+        (lambda: DISC.parts(3), "1, 2, 4 or 16, got 3"),
     ],
 )
 def test_wrong_arguments_are_named_with_what_was_got(wrong, said):

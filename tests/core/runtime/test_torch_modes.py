@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import DefocusLens, RandomDefocus, Views, render
+from defocus_core import DefocusLens, RandomDefocus, Settings, Views, render
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.stream import Stream
 
@@ -63,7 +63,7 @@ def test_the_callers_modes_do_not_change_a_picture(mode, quality: str, threads: 
     wanted = pictures(render(image, radius, quality=quality, left_right=True))
     with mode:
         seen = pictures(render(image, radius, quality=quality, left_right=True, threads=threads))
-        parts = list(Stream(image, radius, quality=quality, threads=threads).regions())
+        parts = list(Stream(image, radius, Settings(quality=quality, threads=threads)).regions())
     assert torch.equal(seen, wanted)
     assert all(torch.equal(part.render, part.box.of(wanted[:3])) for part in parts)
 

@@ -17,6 +17,7 @@ from defocus_core import (
     Distribution,
     HiddenLayer,
     RandomDefocus,
+    Settings,
     cheapest_within,
     quantisation,
     render,
@@ -28,15 +29,15 @@ DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
 
 
 def lens(foclen: Any = 50.0, fnum: Any = 1.4, **options: Any) -> DefocusLens:
-    return DefocusLens(foclen, fnum, (36.0, 27.0), (16, 12), **options)
+    return DefocusLens(foclen, fnum, (36.0, 27.0), (16, 12), **{"device": "cpu", **options})
 
 
 def drawn(image: Any = IMAGE[None], depth: Any = DEPTH, seeds: Any = (1,), **ranges: Any) -> Any:
     return RandomDefocus(**ranges)(image, depth, seeds)
 
 
-def streamed(image: Any = IMAGE, radius: Any = RADIUS, **options: Any) -> Any:
-    return list(Stream(image, radius, **options).regions())
+def streamed(image: Any = IMAGE, radius: Any = RADIUS, hidden: Any = None, **options: Any) -> Any:
+    return list(Stream(image, radius, Settings(**options), hidden).regions())
 
 
 WRONG: list[tuple[Callable[[], Any], str]] = [
@@ -52,10 +53,10 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: lens().coc("1m"), "depth must be a number .*, got '1m'; .* without a unit"),
     (lambda: lens().dof(torch.ones(3) * 900, torch.ones(2)), r"coc must .* of \[3\] .* got \[2\]"),
     (lambda: lens().psf([[0, 0]]), r"points must be \[N, 3\]"),
-    (lambda: lens().psf(torch.ones(3), None), "ks must be a whole number, .* got None"),
-    (lambda: lens().psf(torch.ones(3), math.nan), "ks must be a whole number, .* got nan"),
+    (lambda: lens().psf(torch.ones(3), ks=None), "ks must be a whole number, .* got None"),
+    (lambda: lens().psf(torch.ones(3), ks=math.nan), "ks must be a whole number, .* got nan"),
     (lambda: lens().psf_map(5), r"grid must be \(rows, columns\), .* got 5"),
-    (lambda: lens().psf(torch.ones(3), True), "ks must be a whole number, .* got True"),
+    (lambda: lens().psf(torch.ones(3), ks=True), "ks must be a whole number, .* got True"),
     (lambda: lens().psf_map(depth=torch.ones(2)), "depth must be one number"),
     (lambda: lens().render_rgbd(IMAGE[None].numpy(), DEPTH), "image .* got ndarray of float32"),
     (lambda: lens().render_rgbd(IMAGE[None], None), "depth must be .* got None"),
@@ -134,7 +135,7 @@ def test_tensors_that_are_not_dense_are_refused(at: int) -> None:
     scene = (IMAGE[None], RADIUS[None])
     uses = [
         ("image", lambda: render(image, RADIUS)),
-        ("the image", lambda: lens().render_rgbd(image, DEPTH)),
+        ("image", lambda: lens().render_rgbd(image, DEPTH)),
         ("image", lambda: drawn(image)),
         ("signed_radius", lambda: render(IMAGE, radius)),
         ("depth", lambda: lens().render_rgbd(IMAGE[None], depth)),
@@ -227,10 +228,13 @@ def test_limits_on_depth_may_be_tensors_and_have_gradients() -> None:
 
 
 def test_what_is_a_number_all_the_same_is_taken_for_it() -> None:
-    points, whole = torch.tensor([[0.0, 0.0, 900.0]]), lens().psf(torch.tensor([[0.0, 0, 900]]), 33)
+    points, whole = (
+        torch.tensor([[0.0, 0.0, 900.0]]),
+        lens().psf(torch.tensor([[0.0, 0, 900]]), ks=33),
+    )
     for ks in (33.0, np.int64(33), torch.tensor(33)):
-        assert torch.equal(lens().psf(points, ks), whole)
-    assert torch.equal(lens().psf([[0, 0, 900]], 33), whole)
+        assert torch.equal(lens().psf(points, ks=ks), whole)
+    assert torch.equal(lens().psf([[0, 0, 900]], ks=33), whole)
     depth = DEPTH.round()
     picture = lens().render_rgbd(IMAGE[None], depth)
     for same in (depth.int(), depth.numpy(), depth.to(torch.uint16), depth.tolist()):

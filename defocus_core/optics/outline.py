@@ -1,0 +1,121 @@
+"""Outlines of the pupil, a disc or a regular polygon, and exact areas within them.
+
+An outline lies in the unit disc of lens points and gives G(x, y), its area left of x and above y;
+differences of G over corners are areas of rectangles.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+# A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
+_LEVEL_SLOPE = 1e-6
+# Rounding error of differences of areas of about 1; and the least area that counts, as a share of
+# the rectangle, where rectangles are so small.
+_ROUNDING, _LEAST_SHARE = 2e-15, 1e-2
+
+
+class Outline(ABC):
+    """The border of the pupil."""
+
+    @abstractmethod
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """G(x, y), up to terms in x alone or y alone, which differences remove.
+
+        Args:
+            x: [..., 1, n], within [-1, 1].
+            y: [..., m, 1], within [-1, 1].
+        """
+
+    def areas(self, x: Tensor, y: Tensor) -> Tensor:
+        """Areas of the pupil between consecutive x and consecutive y, all within [-1, 1].
+
+        Args:
+            x: [..., n], ascending or descending together with y.
+            y: [..., m].
+
+        Returns:
+            [..., m - 1, n - 1] in units of the lens radius squared.
+        """
+        x, y = x[..., None, :], y[..., :, None]
+        areas = self.cumulative_area(x, y).diff(dim=-1).diff(dim=-2)
+        # outside, rounding is all that is left
+        least = (_LEAST_SHARE * (x.diff(dim=-1) * y.diff(dim=-2)).abs()).clamp(max=_ROUNDING)
+        return torch.where(areas > least, areas, 0.0)
+
+
+@dataclass(frozen=True)
+class Disc(Outline):
+    """The unit disc."""
+
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """The integral over x' <= x of clip(y, -h, h) with h = sqrt(1 - x'²).
+
+        It follows the rim for |x'| beyond a = sqrt(1 - y²) and is level between.
+        """
+        a = _half_chord(y)
+        rim, rim_at_a = _half_disc_area(x), _half_disc_area(a)
+        along_rim = torch.minimum(rim, math.pi / 2 - rim_at_a) + torch.maximum(rim, rim_at_a)
+        return y.sign() * along_rim + y * torch.maximum(torch.minimum(x, a), -a)
+
+
+@dataclass(frozen=True)
+class Polygon(Outline):
+    """A regular polygon inscribed in the unit disc.
+
+    Attributes:
+        sides: 3 or more.
+        rotation: Angle of one vertex in degrees, counter-clockwise from +x as seen in the image.
+    """
+
+    sides: int
+    rotation: float
+
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """Green's theorem: the sum over edges of the integral of min(y, edge height) up to x.
+
+        The integral counts as positive on the edges that bound the polygon at large y.
+        """
+        total, width = torch.zeros_like(x), torch.zeros_like(x)  # width multiplies y
+        for sign, left, right, height, slope in self._edges:
+            reach = x.clamp(left, right)
+            width = width + sign * reach
+            if abs(slope) < _LEVEL_SLOPE:
+                middle = height + slope * (right - left) / 2
+                total = total + sign * reach * (middle - y).clamp(max=0)
+            else:
+                drop = (height + slope * (reach - left) - y).clamp(max=0)
+                total = total + drop * drop * (sign / (2 * slope))
+        return total + width * y
+
+    @cached_property
+    def _edges(self) -> list[tuple[float, float, float, float, float]]:
+        """Edges that are not vertical: (sign, left x, right x, y at the left, slope)."""
+        angles = [math.radians(self.rotation + 360.0 * k / self.sides) for k in range(self.sides)]
+        vertices = [(math.cos(a), -math.sin(a)) for a in angles]
+        edges = []
+        for start, end in zip(vertices, vertices[1:] + vertices[:1], strict=True):
+            (x0, y0), (x1, y1) = sorted((start, end))
+            if x1 - x0 > 1e-12:
+                sign = 1.0 if end[0] > start[0] else -1.0
+                edges.append((sign, x0, x1, y0, (y1 - y0) / (x1 - x0)))
+        return edges
+
+
+def _half_disc_area(x: Tensor) -> Tensor:
+    """Integral of sqrt(1 - t²) from -1 to x."""
+    h = _half_chord(x)
+    return (x * h + torch.atan2(x, h) + math.pi / 2) / 2
+
+
+def _half_chord(x: Tensor) -> Tensor:
+    """sqrt(1 - x²), with gradient 0 instead of infinity at |x| = 1."""
+    squared = 1 - x * x
+    inside = squared > 0
+    return torch.where(inside, torch.where(inside, squared, 1.0).sqrt(), 0.0)

@@ -1,0 +1,263 @@
+"""Point spread functions of the thin lens: whole and dual-pixel, of points and of grids.
+
+Points are (x, y, z): x and y from -1 to 1 on the sensor, z in mm of either sign. The response does
+not vary over the image, so x and y are not used.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.aperture import LEFT, Aperture
+from defocus_core.optics.pinhole import Scalar
+from defocus_core.optics.psf_map_drawing import drawn
+from defocus_core.optics.thin_lens import ThinLens
+from defocus_core.runtime.validation import flag, number, whole
+
+# Kernels of discs wider than this times ks are all alike: level.
+_LEVEL = 1000
+# Radii in px between which halves of kernels go over from an exact distance to exact areas, which
+# are then apart to 1 %.
+_EXACT_DISTANCE, _EXACT_AREAS = 4.0, 8.0
+# Shifts in px that are rounding.
+_NO_SHIFT = 1e-6
+
+
+class PsfLens(ThinLens):
+    """A thin lens that draws the blur of points.
+
+    A kernel of `ks` px has its centre at (ks - 1) / 2 on both axes: for an even ks the corner
+    between the four middle pixels.
+    """
+
+    def psf(
+        self,
+        points: Tensor,
+        wvln: float | None = None,
+        ks: int = 64,
+        psf_type: str = "gaussian",
+        strict: bool = False,
+    ) -> Tensor:
+        """The response to points: the CoC disc, area-sampled, the same everywhere in the image.
+
+        Args:
+            points: [N, 3] or [3].
+            wvln: Wavelength, as other lenses of DeepLens take it; the blur has no colour, so it is
+                not used.
+            ks: Kernel size in px, odd or even.
+            psf_type: "gaussian", exp(-d² / 2r²) inside the disc, or "pillbox".
+            strict: Whether a CoC wider than ks is an error.
+
+        Returns:
+            [N, ks, ks] or [ks, ks], summing to 1.
+
+        Raises:
+            ValueError: If points have another shape, a z is 0 or NaN, psf_type is unknown, or the
+                CoC is wider than ks and `strict` is set (the message says the ks it needs).
+
+        Warns:
+            UserWarning: If the CoC is wider than ks: the kernel is its middle, with sum 1.
+        """
+        radii, ks = self._radii(points, ks, strict)
+        return _summing_to_one(Aperture(psf_type=psf_type).kernel(radii, ks), radii)
+
+    def psf_rgb(
+        self, points: Tensor, ks: int = 64, psf_type: str = "gaussian", strict: bool = False
+    ) -> Tensor:
+        """`psf` for three equal channels: [N, 3, ks, ks], or [3, ks, ks] for one point."""
+        return _three(self.psf(points, None, ks, psf_type, strict))
+
+    def psf_map(
+        self,
+        grid: tuple[int, int] = (5, 5),
+        ks: int = 64,
+        depth: Scalar | None = None,
+        psf_type: str = "gaussian",
+        strict: bool = False,
+    ) -> Tensor:
+        """`psf` at one depth for a grid over the image.
+
+        Args:
+            grid: (rows, columns).
+            ks: Kernel size in px.
+            depth: Object depth in mm; None is `obj_depth`.
+            psf_type: As for `psf`.
+            strict: As for `psf`.
+
+        Returns:
+            [rows, columns, 1, ks, ks], all equal.
+
+        Raises:
+            ValueError: If a grid has no rows or no columns; otherwise as `psf`.
+        """
+        psf = self.psf(self._axis_point(depth), None, ks, psf_type, strict)
+        return psf.repeat(*_checked(grid), 1, 1, 1)
+
+    def psf_map_rgb(
+        self,
+        grid: tuple[int, int] = (5, 5),
+        ks: int = 64,
+        depth: Scalar | None = None,
+        psf_type: str = "gaussian",
+        strict: bool = False,
+    ) -> Tensor:
+        """`psf_map` for three equal channels: [rows, columns, 3, ks, ks]."""
+        return self.psf_map(grid, ks, depth, psf_type, strict).repeat(1, 1, 3, 1, 1)
+
+    def psf_dp(
+        self, points: Tensor, ks: int = 64, psf_type: str = "gaussian", strict: bool = False
+    ) -> tuple[Tensor, Tensor]:
+        """The responses of the left and the right dual pixels.
+
+        The left one is seen through the half u.x < 0 of the lens: a point beyond focus lies to the
+        left in it, one nearer than focus to the right. Their mean is `psf`. Their centroids are
+        8 r / (3 pi) px apart for a pillbox, near focus, too: there a half with an odd ks has values
+        below zero, down to -0.11, for its shift is part of a pixel and the mean a single pixel.
+
+        Returns:
+            (left, right), each as `psf` returns it, each summing to 1.
+        """
+        radii, ks = self._radii(points, ks, strict)
+        aperture = Aperture(psf_type=psf_type)
+        left = _left_half(radii, ks, aperture)
+        return left, left.flip(-1)
+
+    def psf_rgb_dp(
+        self, points: Tensor, ks: int = 64, psf_type: str = "gaussian", strict: bool = False
+    ) -> tuple[Tensor, Tensor]:
+        """`psf_dp` for three equal channels: (left, right), each [N, 3, ks, ks]."""
+        left, right = self.psf_dp(points, ks, psf_type, strict)
+        return _three(left), _three(right)
+
+    def psf_map_dp(
+        self,
+        grid: tuple[int, int] = (5, 5),
+        ks: int = 64,
+        depth: Scalar | None = None,
+        psf_type: str = "gaussian",
+        strict: bool = False,
+    ) -> tuple[Tensor, Tensor]:
+        """`psf_dp` over a grid, as `psf_map`: (left, right), each [rows, columns, 1, ks, ks]."""
+        left, right = self.psf_dp(self._axis_point(depth), ks, psf_type, strict)
+        times = (*_checked(grid), 1, 1, 1)
+        return left.repeat(times), right.repeat(times)
+
+    @torch.no_grad()
+    def draw_psf_map(
+        self,
+        grid: tuple[int, int] = (7, 7),
+        ks: int = 64,
+        depth: Scalar | None = None,
+        log_scale: bool = False,
+        save_name: str = "./psf_map.png",
+        show: bool = False,
+    ) -> tuple[Any, Any] | None:
+        """Draw `psf_map_rgb` with matplotlib, each kernel at its own full brightness.
+
+        Args:
+            grid: (rows, columns).
+            ks: Kernel size in px.
+            depth: Object depth in mm; None is `obj_depth`.
+            log_scale: Whether brightness is logarithmic.
+            save_name: The picture file to write.
+            show: Whether to return the figure instead of writing a file.
+
+        Returns:
+            matplotlib's (figure, axes) if `show` is set.
+
+        Raises:
+            ImportError: If matplotlib is not installed.
+            ValueError: As `psf_map`.
+        """
+        psf_map = self.psf_map_rgb(grid, ks, depth)
+        return drawn(psf_map, self.pixel_size, log_scale, None if show else save_name)
+
+    def _radii(self, points: Tensor, ks: int, strict: bool) -> tuple[Tensor, int]:
+        """Signed radii in px of points, and ks, once it is known whether the blur fits it."""
+        points = self._tensor("points", points)
+        if points.ndim not in (1, 2) or points.shape[-1] != 3:
+            raise ValueError(
+                f"points must be [N, 3] or [3] (x, y, z), got {list(points.shape)}; "
+                "z in mm is the last column"
+            )
+        radii = self.signed_coc(points[..., 2]) / (2 * self.pixel_size)
+        ks = whole("ks", ks, "it is in px, 64 by default")
+        strict, cut = flag("strict", strict), _cut(radii, ks)
+        if bool(cut.any()):
+            widest = 2 * radii.detach().abs().max()
+            problem = (
+                f"ks must hold the circle of confusion, {float(widest):.6g} px across, got {ks}; "
+                f"use ks={float(widest.ceil()):.0f} or more"
+            )
+            if strict:
+                raise ValueError(problem)
+            warnings.warn(f"kernels are cropped: {problem}", UserWarning, stacklevel=3)
+        return radii.clamp(-_LEVEL * ks, _LEVEL * ks), ks
+
+    def _axis_point(self, depth: Scalar | None) -> Tensor:
+        name, value = ("obj_depth", self.obj_depth) if depth is None else ("depth", depth)
+        number(name, value, "one map is of one depth in mm")
+        z = self._distance(name, value).reshape(())
+        return torch.stack([torch.zeros_like(z), torch.zeros_like(z), z])
+
+
+def _cut(radii: Tensor, ks: int) -> Tensor:
+    """Where kernels of ks px cut off the blur; what rounding adds to it is not cut off."""
+    return 2 * radii.detach().abs() > ks * (1 + 1e-6)
+
+
+def _summing_to_one(kernel: Tensor, radii: Tensor) -> Tensor:
+    """Kernels [..., ks, ks], those that are cut off divided by their sum."""
+    cut = _cut(radii, kernel.shape[-1])[..., None, None]
+    return torch.where(cut, kernel / kernel.sum((-2, -1), keepdim=True), kernel)
+
+
+def _left_half(radii: Tensor, ks: int, aperture: Aperture) -> Tensor:
+    """Kernels [..., ks, ks] of the left half of a round aperture.
+
+    The areas of the half in pixels do not say where in a pixel it lies: within a pixel of focus
+    halves are not apart for an odd ks, and a pixel apart for an even one. So their odd part, half
+    minus whole, is taken as often as the lens says the half is shifted, once at most; what is
+    missing then is added as the slope of the whole. Both leave the mean of the halves as it is.
+    """
+    even = _summing_to_one(aperture.kernel(radii, ks), radii)
+    odd = _summing_to_one(aperture.kernel(radii, ks, LEFT), radii) - even
+    beside = torch.nn.functional.pad(even, (1, 1))
+    slope = (beside[..., :-2] - beside[..., 2:]) / 2
+    x = torch.arange(ks, dtype=even.dtype, device=even.device) - (ks - 1) / 2
+    shift, of_odd, of_slope = (
+        radii * aperture.centroid(LEFT)[0],
+        odd.sum(-2) @ x,
+        slope.sum(-2) @ x,
+    )
+    near = (_EXACT_AREAS - radii.detach().abs()) / (_EXACT_AREAS - _EXACT_DISTANCE)
+    near = near.clamp(0, 1) * ~_cut(radii, ks)
+    times = 1 + near * (_ratio(shift, of_odd, otherwise=1.0).clamp(max=1) - 1)
+    missing = near * _ratio(shift - times * of_odd, of_slope, otherwise=0.0)
+    return even + times[..., None, None] * odd + missing[..., None, None] * slope
+
+
+def _ratio(part: Tensor, whole: Tensor, otherwise: float) -> Tensor:
+    """A quotient of shifts in px, where there is one."""
+    some = whole.abs() > _NO_SHIFT
+    return torch.where(some, part / torch.where(some, whole, 1.0), otherwise)
+
+
+def _three(psf: Tensor) -> Tensor:
+    return torch.stack([psf, psf, psf], dim=-3)
+
+
+def _checked(grid: tuple[int, int]) -> tuple[int, int]:
+    """A grid of at least one row and one column."""
+    try:
+        rows, columns = grid
+        return whole("rows", rows, ""), whole("columns", columns, "")
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"grid must be (rows, columns), whole numbers of at least 1 each, got {grid}; "
+            "it is (5, 5) by default"
+        ) from None
