@@ -29,7 +29,7 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read so is named, and the others are told.
+    cannot be read is named, and the others are reported.
 
     \b
     With --json, "files" has of each:
@@ -50,7 +50,7 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     """  # noqa: D301  click reads the backspace
     failed: UserError | None = None
     records = []
-    for file in files:  # each is told before the next is read
+    for file in files:  # each is reported before the next is read
         try:
             inspection = inspect(file, reading, lens, lone=len(files) == 1)
         except UserError as error:

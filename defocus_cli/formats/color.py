@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.exr import Part, read_parts
-from defocus_cli.formats.exr_channels import ColorLayer, choose_color
+from defocus_cli.formats.exr_channels import ChannelGroup, choose_color
 from defocus_cli.formats.exr_header import is_exr, read_headers
 from defocus_cli.formats.float_maps import is_float_map
 from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _THUMBNAIL = "preview"  # attribute of an EXR header
+BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
+LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,12 @@ class Color:
         planes: C arrays [H, W], half or float32, scene-linear, alpha premultiplied.
         channels: names of the C channels: R, G, B or Y, then A if there is one.
         path: the file.
-        attributes: EXR metadata for the output to carry.
+        attributes: metadata for the output to carry: `Raw` of an EXR file, `Tag` of others.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
         corner: x and y of the first pixel, for an EXR output to be where the input is.
-        note: how the file was understood, for people.
-        warnings: what in the file was not heeded, for people.
-        left_out: what of the EXR file no output can carry, for people.
+        note: how the samples were read, in words.
+        warnings: what of the file was not applied, in words.
+        left_out: parts of the EXR file that no output can carry, in words.
     """
 
     planes: tuple[Any, ...]
@@ -65,7 +67,7 @@ class Color:
 
     @property
     def pixels(self) -> NDArray[np.float32]:
-        """All of it, float32 [H, W, C]."""
+        """The whole image, float32 [H, W, C]."""
         import numpy as np
 
         return np.stack([plane[:] for plane in self.planes], axis=2, dtype=np.float32)
@@ -103,22 +105,35 @@ def read_color(
     return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
 
 
-def require_finite(color: Color) -> None:
-    """Refuse a colour image with NaN or infinite pixels, naming how many and the first.
-
-    Raises:
-        InputError: there are some.
-    """
+def count_beyond(color: Color, most: float) -> tuple[int, str]:
+    """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
     import numpy as np
 
-    count, first = count_of(
-        (~np.logical_and.reduce([np.isfinite(plane[rows]) for plane in color.planes]), rows.start)
+    return count_of(
+        (
+            ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(most) for p in color.planes]),
+            rows.start,
+        )
         for rows in bands(color.shape)
     )
+
+
+def require_finite(color: Color) -> None:
+    """Refuse a colour image whose pixels are not all finite and within ±`BRIGHTEST`.
+
+    Raises:
+        InputError: naming how many pixels are not, and the first as x,y.
+    """
+    count, first = count_beyond(color, BRIGHTEST)
     if not count:
         return
-    problem = f"is NaN or infinite in {counted(count, 'pixel')}, the first at {first}"
-    raise InputError(color.path, problem, "render or save it again with finite values")
+    infinite, first_infinite = count_beyond(color, LARGEST_FLOAT)
+    if infinite:
+        problem = f"is NaN or infinite in {counted(infinite, 'pixel')}, the first at"
+        remedy = "render or save it again with finite values"
+        raise InputError(color.path, f"{problem} {first_infinite}", remedy)
+    problem = f"is beyond ±{BRIGHTEST:g} in {counted(count, 'pixel')}, the first at {first}"
+    raise InputError(color.path, problem, "scale it: light has no unit here")
 
 
 def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
@@ -128,7 +143,7 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
     own = parts[chosen.header.index]
     extras, left_out = _extras(parts, chosen)
     return Color(
-        planes=_alike([own.channels[name] for name in chosen.channels.values()], keeping),
+        planes=_one_type([own.channels[name] for name in chosen.channels.values()], keeping),
         channels=tuple(chosen.channels),
         path=path,
         attributes={k: v for k, v in own.header.attributes.items() if k != _THUMBNAIL},
@@ -140,44 +155,44 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
     )
 
 
-def _exr_note(chosen: ColorLayer) -> str:
+def _exr_note(chosen: ChannelGroup) -> str:
     names = chosen.channels.values()
     kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
     thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in chosen.header.attributes)
-    told = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
-    return ", ".join(filter(None, told))
+    notes = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
+    return ", ".join(filter(None, notes))
 
 
-def _missing(chosen: ColorLayer) -> tuple[str, ...]:
-    """What is black because the file has no pixels there; with alpha, it is as transparent."""
+def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
+    """A warning of the part of the frame without pixels, which is black; with alpha it is none."""
     header = chosen.header
     if "A" in chosen.channels or header.data.covers(header.display):
         return ()
     return (f"black outside its data window {header.data}; render the whole display window",)
 
 
-def _alike(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
-    """Channels of one type, half or float32, that holds all that is in them."""
+def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
+    """Channels of one type: half if all are half, else float32."""
     import numpy as np
 
     if all(plane.dtype == np.float16 for plane in planes):
         return tuple(planes)
-    found = []
+    floats = []
     for plane in planes:
         if plane.dtype != np.float32:
-            given, plane = plane, keeping.new(plane.shape, np.float32)
+            native, plane = plane, keeping.new(plane.shape, np.float32)
             for rows in bands(plane.shape):
-                plane[rows] = given[rows]
-        found.append(plane)
-    return tuple(found)
+                plane[rows] = native[rows]
+        floats.append(plane)
+    return tuple(floats)
 
 
 def _extras(
-    parts: Sequence[Part], chosen: ColorLayer
+    parts: Sequence[Part], chosen: ChannelGroup
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Channels beside the chosen layer, PART.NAME where a plain name is taken.
+    """Channels beside the chosen layer, and in words the parts that the output cannot carry.
 
-    And, in words, what cannot share a file with the output.
+    A channel is called PART.NAME where its plain name is taken.
     """
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}
@@ -188,9 +203,6 @@ def _extras(
             why = "which is deep" if part.header.deep else "which is of another size"
             left_out.append(f"part {part.header.label}, {why}, left out")
             continue
-        lost = [channel.name for channel in part.header.channels if channel.subsampled]
-        if lost:
-            left_out.append(f"{', '.join(lost)}, subsampled, left out")
         own = part.header.index == chosen.header.index
         for name, plane in part.channels.items():
             if own and name in chosen.channels.values():
@@ -214,8 +226,8 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
     which = [names.index(c) for c in channels]
     size = raster.height, raster.width
     planes = tuple(keeping.new(size, np.float32) for _ in channels)
-    for window, found in read_samples(path, raster.page):
-        samples = found[:, :, which]
+    for window, every in read_samples(path, raster.page):
+        samples = every[:, :, which]
         alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
         colour = samples if alpha is None else samples[:, :, :-1]
         pixels = linear_light(colour, alpha, gamma=raster.space.gamma, associated=raster.associated)
@@ -224,7 +236,7 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
             plane[window] = parts[:, :, index]
     note, unheeded = raster.space.note, raster.space.unheeded
     if not unheeded:
-        return Color(planes, channels, path, note=note)
+        return Color(planes, channels, path, raster.tags, note=note)
     warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
     note = f"{note}, its {unheeded} not applied"
-    return Color(planes, channels, path, note=note, warnings=(warning,))
+    return Color(planes, channels, path, raster.tags, note=note, warnings=(warning,))

@@ -1,8 +1,8 @@
-"""Colour spaces that files declare: how samples become light, and what is not applied.
+"""Colour spaces that files declare: how samples become light, and which declarations are ignored.
 
-The curves of sRGB, of powers, and none are known. Primaries are taken as they come: which red it is
-that blurs does not matter to the blur. What else a file declares, as an embedded profile or as a
-curve for HDR television, is not applied, and that is said.
+sRGB, power laws and linear samples are decoded. Primaries stay as they are, since the blur does not
+depend on them. Another declaration, as an embedded profile or a curve of HDR television, is not
+applied, and a warning says so.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class ColorSpace:
 
     Attributes:
         gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
-        note: the same for people.
-        unheeded: what the file declares and is not applied; empty if nothing.
+        note: the same in words.
+        unheeded: what the file declares that is not applied; empty if nothing.
     """
 
     gamma: float | None
@@ -63,5 +63,5 @@ def _unheeded(spec: Any, *, declared: bool) -> str:
 
 
 def _name(spec: Any) -> str:
-    """Like ``srgb_rec709_scene``: of a curve, primaries, and what they are relative to."""
+    """Name of the declared space, like ``srgb_rec709_scene``: curve, primaries, reference."""
     return str(spec.get_string_attribute("oiio:ColorSpace")).lower()

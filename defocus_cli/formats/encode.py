@@ -1,8 +1,9 @@
 """Images encoded in the format of their suffix, and written whole.
 
 EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
-and JPEG (8 bit, quality 95): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its
-colour is what shows over black. The same pixels and attributes make the same bytes: no dates.
+and JPEG (8 bit): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is what
+shows over black. PNG, TIFF and JPEG keep the `Tag` attributes of such an input. The same pixels and
+attributes make the same bytes: no date is added.
 """
 
 from __future__ import annotations
@@ -11,14 +12,16 @@ import os
 import shutil
 import tempfile
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.exr import clamped_half, write_exr
+from defocus_cli.formats.raster import Tag
 from defocus_cli.formats.srgb_curve import linear_to_srgb, quantised
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted
-from defocus_cli.system.errors import InputError, UsageProblem, reason
+from defocus_cli.system.errors import InputError, UsageProblem, one_line
 from defocus_cli.system.safe_files import quiet, unwritable, written_whole
 
 if TYPE_CHECKING:
@@ -33,7 +36,7 @@ _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step
 _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
     "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
-    "jpeg": {"Compression": "jpeg:95", "jpeg:subsampling": "4:4:4"},
+    "jpeg": {"jpeg:subsampling": "4:4:4"},
 }
 
 
@@ -44,6 +47,7 @@ def write_image(
     *,
     exr_type: str = "half",
     bits: int = 8,
+    jpeg_quality: int = 95,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
     corner: tuple[int, int] = (0, 0),
@@ -54,17 +58,18 @@ def write_image(
     Args:
         path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
         pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
-            for an EXR of half. An array, or a `Stack`; some rows are looked at at a time.
+            for an EXR of half. An array, or a `Stack`, which is read in strips of rows.
         channels: names of the C channels, as `defocus_cli.formats.color.Color`.
         exr_type: half or float, of the EXR's image channels.
         bits: 8 or 16, of a PNG.
-        attributes: EXR metadata; other formats keep those that start with ``defocus:``.
+        jpeg_quality: 1 to 100.
+        attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
         extras: further EXR channels, written with their own types; other formats drop them.
         corner: x and y of an EXR's first pixel.
         clamped: pixels that had to be clamped to be half.
 
     Returns:
-        What the file could not hold, one sentence each, for people.
+        Warnings of what the file cannot hold, one clause each.
 
     Raises:
         InputError: the file cannot be written.
@@ -75,7 +80,8 @@ def write_image(
         if exr_type == "half" and pixels.dtype == "f4":
             clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
-        write_exr(path, {**(extras or {}), **named}, attributes, corner)
+        kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
+        write_exr(path, {**(extras or {}), **named}, kept, corner)
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
@@ -89,12 +95,14 @@ def write_image(
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below
         for rows in bands(pixels.shape):
-            found = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
-            samples, above, below = found[0], above + found[1], below + found[2]
+            strip = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
+            samples, above, below = strip[0], above + strip[1], below + strip[2]
             yield samples
 
     told = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
-    write_samples(path, pixels.shape[:2], encoded(), codec, told)
+    tags = {k: v for k, v in attributes.items() if isinstance(v, Tag)}
+    quality = {"Compression": f"jpeg:{jpeg_quality}"} if codec == "jpeg" else {}
+    write_samples(path, pixels.shape[:2], encoded(), codec, {**told, **tags, **quality})
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
@@ -105,26 +113,10 @@ def write_image(
     return warnings
 
 
-def write_map(
-    path: Path,
-    values: Any,
-    channel: str,
-    *,
-    attributes: Mapping[str, object],
-    corner: tuple[int, int] = (0, 0),
-) -> None:
-    """Write a float32 EXR with one channel, values [H, W], the first of them at x, y = ``corner``.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    write_exr(path, {channel: values}, attributes, corner)
-
-
 def display_encoded(
     pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
 ) -> tuple[NDArray[Any], int, int]:
-    """Linear, premultiplied pixels as sRGB integers, and how many were clipped at white and black.
+    """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
 
     Args:
         pixels: [H, W, C] scene-linear.
@@ -159,22 +151,24 @@ def write_samples(
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str],
+    attributes: Mapping[str, str | Tag],
 ) -> None:
     """Write uint8 or uint16 samples as they are.
 
     Args:
         path: written whole or not at all.
         size: (height, width).
-        samples: [h, W, C] of some rows after the other; alpha, if any, unassociated.
+        samples: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
         codec: png, tiff or jpeg.
-        attributes: text to keep in the file where the format can.
+        attributes: metadata to keep in the file where the format can.
 
     Raises:
         InputError: the file cannot be written.
     """
     with _memory(path) as memory:
-        _encode(path, memory, size, samples, codec, attributes)
+        if error := _encoder_error(memory, size, iter(samples), codec, attributes):
+            problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
+            raise InputError(path, problem, "write EXR instead")
         with written_whole(path) as file, memory.open("rb") as encoded:
             shutil.copyfileobj(encoded, file, _BLOCK)
 
@@ -199,7 +193,7 @@ def _planes(pixels: Any) -> list[Any]:
 
 
 def _beyond_half(pixels: Any) -> int:
-    """How many pixels [H, W, C] hold more than half can."""
+    """Number of pixels [H, W, C] with a value beyond the range of half."""
     import numpy as np
 
     return sum(
@@ -208,38 +202,33 @@ def _beyond_half(pixels: Any) -> int:
     )
 
 
-def _encode(
-    path: Path,
+def _encoder_error(
     memory: Path,
     size: tuple[int, int],
-    samples: Iterable[NDArray[Any]],
+    samples: Iterator[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str],
-) -> None:
-    """Encode samples to a file in memory. ``path`` is for messages only."""
+    attributes: Mapping[str, str | Tag],
+) -> str:
+    """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
     import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    output, done, row = None, True, 0
-    for some in samples:
-        with quiet():
-            if output is None:
-                spec = _spec(size, some, codec, attributes)
-                output = oiio.ImageOutput.create(codec)
-                assert output is not None, f"OpenImageIO without {codec}"
-                done = output.open(str(memory), spec)
-            rows = np.ascontiguousarray(some)
-            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
-        row += len(some)
-    assert output is not None
+    first, row = next(samples), 0
     with quiet():
-        if not (done and output.close()):
-            problem = f"cannot be encoded as {codec}: {reason(RuntimeError(output.geterror()))}"
-            raise InputError(path, problem, "write EXR instead")
+        output = oiio.ImageOutput.create(codec)
+        assert output is not None, f"OpenImageIO without {codec}"
+        done = output.open(str(memory), _spec(size, first, codec, attributes))
+    for strip in chain([first], samples):
+        with quiet():
+            rows = np.ascontiguousarray(strip)
+            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
+        row += len(strip)
+    with quiet():
+        return "" if done and output.close() else output.geterror() or "no reason given"
 
 
 def _spec(
-    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str]
+    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str | Tag]
 ) -> Any:
     import OpenImageIO as oiio  # noqa: N813
 
@@ -247,16 +236,19 @@ def _spec(
     spec = oiio.ImageSpec(width, height, count, samples.dtype.name)
     spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
     spec.alpha_channel = count - 1 if count in (2, 4) else -1
-    settings = {**attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
     # An empty DateTime keeps OpenImageIO from writing the current one.
-    for name, value in {**settings, "Software": "defocus", "DateTime": ""}.items():
-        spec.attribute(name, value)
+    settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
+    for name, value in {**settings, "Software": "defocus"}.items():
+        if isinstance(value, Tag):
+            spec.attribute(name, oiio.TypeDesc(value.type), value.value)
+        else:
+            spec.attribute(name, value)
     return spec
 
 
 @contextmanager
 def _memory(path: Path) -> Iterator[Path]:
-    """A file name for an encoder to write to that no full disk can reach.
+    """A file name in memory for an encoder to write to.
 
     On a full disk OpenImageIO's PNG encoder reports success, and its JPEG encoder ends the process.
     """

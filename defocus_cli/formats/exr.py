@@ -1,6 +1,6 @@
 """OpenEXR pixels, in and out: native half, float and uint arrays, cropped to the display window.
 
-Pixels outside the data window are 0. OpenImageIO decodes some rows or tiles at a time, of any part.
+Pixels outside the data window are 0. OpenImageIO decodes a strip of rows or tiles at a time.
 Output is one scan-line part, ZIP compressed (the codec whose corruption is noticed on reading),
 without dates: the same arrays make the same bytes.
 """
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 _AGAIN = "write or copy it again"
 _NO_PIECES = (
     "is too large to be held in --memory, and its pixels cannot be had piece by piece",
-    "allow more --memory, or save it in scan lines, ZIP compressed, without subsampling",
+    "allow more --memory, or save it in scan lines, ZIP compressed",
 )
 _STRIP_BYTES = 1 << 25  # of pixels, decoded or encoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
@@ -57,7 +57,7 @@ class Part:
     Attributes:
         header: the part's header.
         channels: name to native array [H, W] of the display window, in memory or in a scratch
-            file; empty for a deep part. Subsampled channels are left out.
+            file; empty for a deep part.
     """
 
     header: Header
@@ -79,16 +79,16 @@ def read_parts(
         wanted: whether a channel of a part is wanted; the others are left out.
 
     Raises:
-        InputError: the file cannot be read, or not all of it.
+        InputError: the file cannot be read, or not all of it, or it has subsampled channels.
     """
     headers = read_headers(path) if headers is None else headers
-    subsampled = any(channel.subsampled for header in headers for channel in header.channels)
-    if subsampled and keeping.scratch:
-        raise InputError(path, *_NO_PIECES)
-    decode = _whole if subsampled else _pieces
+    subsampled = [c.name for header in headers for c in header.channels if c.subsampled]
+    if subsampled:  # OpenImageIO does not open such a file
+        problem = f"has {', '.join(subsampled)} at a lower resolution than its other channels"
+        raise InputError(path, problem, "save it without subsampling")
     try:
         with quiet(), _unlimited():
-            return tuple(_part(path, header, keeping, wanted, decode) for header in headers)
+            return tuple(_part(path, header, keeping, wanted) for header in headers)
     except InputError:
         raise
     except Exception as error:  # the libraries raise half a dozen types
@@ -96,31 +96,24 @@ def read_parts(
 
 
 def _part(
-    path: Path,
-    header: Header,
-    keeping: Keeping,
-    wanted: Callable[[Header, str], bool],
-    decode: Callable[[Path, Header, Mapping[str, str], Keeping], Pieces],
+    path: Path, header: Header, keeping: Keeping, wanted: Callable[[Header, str], bool]
 ) -> Part:
     types = {
         channel.name: channel.type
         for channel in header.channels
-        if not (header.deep or channel.subsampled) and wanted(header, channel.name)
+        if not header.deep and wanted(header, channel.name)
     }
     size = (header.display.height, header.display.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
-    if not header.data.covers(header.display):
-        for plane in channels.values():
-            plane[:] = 0
     if channels:
-        for window, piece in decode(path, header, types, keeping):
+        for window, piece in _pieces(path, header, types, keeping):
             for name, pixels in piece.items():
-                _put(channels[name], pixels, window, header.display)
+                _paste(channels[name], pixels, window, header.display)
     return Part(header, channels)
 
 
 def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:
-    """Some rows or tiles of a part after the others, and where they lie."""
+    """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     file = oiio.ImageInput.open(str(path))
@@ -190,19 +183,7 @@ def _decoded(
     return piece
 
 
-def _whole(path: Path, header: Header, types: Mapping[str, str], _: Keeping) -> Pieces:
-    """All of a part at once by OpenEXR, of a file with subsampling, which OpenImageIO refuses."""
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        # OpenEXR leaves out a part that it failed to decode, with no more than a print.
-        if len(file.parts) <= header.index or types.keys() - file.parts[header.index].channels:
-            raise _damaged(path, "a part is missing")
-        decoded = file.parts[header.index].channels
-        yield header.data, {name: decoded[name].pixels for name in types}
-
-
-def _put(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
+def _paste(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
     """Put the pixels of the data window where they lie in the display window."""
     x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
     y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
@@ -236,41 +217,48 @@ def write_exr(
     Raises:
         InputError: the file cannot be written.
     """
+    kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
+    carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
+    own = {name: value for name, value in kept.items() if name not in carried}
+    height, width = next(iter(channels.values())).shape
+    (x, y), offsets = corner, b""
+    whole = Window(x, y, x + width - 1, y + height - 1)
+    box = Raw("box2i", struct.pack("<4i", *whole))
+    windows = {"dataWindow": box, "displayWindow": box}
+    with written_whole(path) as file, quiet():
+        for attributes_of_strip, starts, chunks in _encoded_strips(channels, own, whole):
+            if not offsets:
+                file.write(header_bytes(attributes_of_strip | carried | windows))
+                table = file.tell()
+                file.write(bytes(8 * -(-height // _ZIP_ROWS)))
+            offsets += (starts + file.tell()).astype("<u8").tobytes()
+            file.write(chunks)
+        file.seek(table)
+        file.write(offsets)
+        file.seek(0, io.SEEK_END)
+
+
+def _encoded_strips(
+    channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window
+) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
+    """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
     import numpy as np
     import OpenEXR
 
-    given = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
-    carried = {name: value for name, value in given.items() if isinstance(value, Raw)}
-    height, width = next(iter(channels.values())).shape
-    (x, y), bottom = corner, corner[1] + height - 1
-    whole = Window(x, y, x + width - 1, bottom)
-    header = {name: value for name, value in given.items() if name not in carried}
-    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    row_bytes = width * sum(array.dtype.itemsize for array in channels.values())
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    row_bytes = whole.width * sum(array.dtype.itemsize for array in channels.values())
     rows = max(1, _STRIP_BYTES // row_bytes // _ROWS) * _ROWS
-    offsets: list[int] = []
-    with written_whole(path) as file, quiet():
-        for top in range(0, height, rows):
-            window = Window(x, y + top, whole.x1, min(y + top + rows - 1, bottom))
-            strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
-            encoded = io.BytesIO()
-            corners = np.array(window[:2], np.int32), np.array(window[2:], np.int32)
-            OpenEXR.File({**header, "dataWindow": corners}, strip).write(encoded)
-            encoded.seek(8)
-            attributes_there = read_attributes(encoded)
-            if not offsets:
-                box = Raw("box2i", struct.pack("<4i", *whole))
-                windows = {"dataWindow": box, "displayWindow": box}
-                file.write(header_bytes(attributes_there | carried | windows))
-                table = file.tell()
-                file.write(bytes(8 * -(-height // _ZIP_ROWS)))
-            count = -(-window.height // _ZIP_ROWS)
-            starts = struct.unpack(f"<{count}Q", encoded.read(8 * count))
-            offsets += [file.tell() + start - encoded.tell() for start in starts]
-            file.write(encoded.read())
-        file.seek(table)
-        file.write(struct.pack(f"<{len(offsets)}Q", *offsets))
-        file.seek(0, io.SEEK_END)
+    for top in range(0, whole.height, rows):
+        strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
+        first, last = whole.y0 + top, min(whole.y0 + top + rows - 1, whole.y1)
+        corners = np.array([whole.x0, first], np.int32), np.array([whole.x1, last], np.int32)
+        encoded = io.BytesIO()
+        OpenEXR.File({**attributes, **kind, "dataWindow": corners}, strip).write(encoded)
+        encoded.seek(8)
+        attributes_of_strip = read_attributes(encoded)
+        count = -(-(last - first + 1) // _ZIP_ROWS)
+        starts = np.frombuffer(encoded.read(8 * count), "<u8")
+        yield attributes_of_strip, starts - np.uint64(encoded.tell()), encoded.read()
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
@@ -282,10 +270,10 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
     import torch
 
     largest = np.float32(np.finfo(np.float16).max)
-    found = torch.from_numpy(np.require(values, requirements="W"))
-    if not found.numel() or max(float(found.amax()), -float(found.amin())) <= largest:
+    clamped = torch.from_numpy(np.require(values, requirements="W"))
+    if not clamped.numel() or max(float(clamped.amax()), -float(clamped.amin())) <= largest:
         beyond = np.zeros(values.shape, bool)
     else:  # or NaN
         beyond = np.abs(values) > largest
-        found = found.clamp(-float(largest), float(largest))
-    return found.half().numpy(), beyond  # ten times as fast as NumPy
+        clamped = clamped.clamp(-float(largest), float(largest))
+    return clamped.half().numpy(), beyond  # ten times as fast as NumPy

@@ -8,67 +8,46 @@ candidates are an error that lists them in the very form the option takes.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from defocus_cli.formats.kinds import MAPS
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from defocus_cli.formats.exr_header import Header
 
 _FLATTEN = "flatten it first, for example with oiiotool --flatten"
-_NEARLY_SQUARE = 1e-3  # by how much the sides of a pixel may differ
+_NEARLY_SQUARE = 1e-3  # allowed relative difference of the sides of a pixel
 
 
 class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
     """None of the channels of a file is known to be depth."""
 
 
-class _Named(Protocol):
-    @property
-    def header(self) -> Header: ...
-    @property
-    def name(self) -> str: ...
-
-
-_Candidate = TypeVar("_Candidate", bound=_Named)
-
-
 @dataclass(frozen=True)
-class ColorLayer:
-    """Channels that together are a colour image.
+class ChannelGroup:
+    """Channels of a part that the user names together: a colour layer, or one depth channel.
 
     Attributes:
-        header: the part they are in.
-        prefix: what their names have before the last dot; empty for the file's default layer.
-        channels: canonical name (R, G, B, A or Y) to the name in the file.
+        header: the part that they are in.
+        name: as ``--color-layer`` or ``--depth-channel`` has it inside its part.
+        channels: of a colour layer, canonical name (R, G, B, A or Y) to the name in the file.
+        default: whether it is the part's colour layer of plain names, without a prefix.
     """
 
     header: Header
-    prefix: str
-    channels: dict[str, str]
-
-    @property
-    def name(self) -> str:
-        """What ``--color-layer`` calls it inside its part."""
-        return self.prefix or "".join(c for c in self.channels if c != "A")
-
-
-@dataclass(frozen=True)
-class DepthChannel:
-    """A channel that is, or is said to be, the depth."""
-
-    header: Header
     name: str
+    channels: Mapping[str, str] = field(default_factory=dict)
+    default: bool = False
 
 
 def choose_color(
     path: Path, headers: Sequence[Header], *, layer: str | None, part: int | None
-) -> ColorLayer:
+) -> ChannelGroup:
     """The colour layer of a file; ``layer`` and ``part`` as `defocus_cli.formats.color.read_color`.
 
     Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
@@ -86,13 +65,13 @@ def choose_color(
 
 def _chosen_color(
     path: Path, headers: Sequence[Header], layer: str | None, part: int | None
-) -> ColorLayer:
+) -> ChannelGroup:
     searched = _flat(path, _of_part(path, headers, part))
     found = [found for header in searched for found in _color_layers(header)]
     if layer is not None:
         return _named(path, found, layer, "colour layer", "--color-layer")
     candidates = [c for c in found if "R" in c.channels] or found
-    default = [c for c in candidates if not c.prefix]
+    default = [c for c in candidates if c.default]
     if len(default) == 1:
         return default[0]
     if not candidates:
@@ -103,7 +82,7 @@ def _chosen_color(
 
 def choose_depth(
     path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
-) -> DepthChannel:
+) -> ChannelGroup:
     """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`.
 
     Raises:
@@ -111,7 +90,7 @@ def choose_depth(
         InputError: the channel or part is not there, or several channels could be the depth.
     """
     searched = _flat(path, _of_part(path, headers, part))
-    every = [DepthChannel(header, c.name) for header in searched for c in header.channels]
+    every = [ChannelGroup(header, c.name) for header in searched for c in header.channels]
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
@@ -155,28 +134,25 @@ def _flat(path: Path, headers: Sequence[Header]) -> list[Header]:
     return flat
 
 
-def _color_layers(header: Header) -> Iterable[ColorLayer]:
+def _color_layers(header: Header) -> Iterable[ChannelGroup]:
     layers: dict[str, list[str]] = defaultdict(list)
-    chroma = set()  # layers of luminance and of what is usually subsampled
     for channel in header.channels:
-        prefix, _, base = channel.name.rpartition(".")
-        if base.upper() in {"RY", "BY"}:
-            chroma.add(prefix)
-        if not channel.subsampled:
-            layers[prefix].append(channel.name)
+        layers[channel.name.rpartition(".")[0]].append(channel.name)
     for prefix, names in layers.items():
         bases = {_last(name).upper(): name for name in names}
         bases |= {_last(name): name for name in names}
         if {"R", "G", "B"} <= bases.keys():
             wanted = "RGBA"
-        elif "Y" in bases and "X" not in bases and prefix not in chroma:  # no vector
+        elif "Y" in bases and not bases.keys() & {"X", "RY", "BY"}:  # no vector, no chroma
             wanted = "YA"
         else:
             continue
-        yield ColorLayer(header, prefix, {c: bases[c] for c in wanted if c in bases})
+        channels = {c: bases[c] for c in wanted if c in bases}
+        name = prefix or "".join(channels).removesuffix("A")
+        yield ChannelGroup(header, name, channels, default=not prefix)
 
 
-def _is_depth(candidate: DepthChannel) -> bool:
+def _is_depth(candidate: ChannelGroup) -> bool:
     """Whether the name says so: Z, V, depth, or one of these in a layer called depth."""
     layer, _, base = candidate.name.rpartition(".")
     if base.lower() == "depth":
@@ -190,9 +166,9 @@ def _is_depth(candidate: DepthChannel) -> bool:
 
 
 def _named(
-    path: Path, found: Sequence[_Candidate], wanted: str, kind: str, option: str
-) -> _Candidate:
-    """The one candidate that the user's words ``wanted`` mean."""
+    path: Path, found: Sequence[ChannelGroup], wanted: str, kind: str, option: str
+) -> ChannelGroup:
+    """The one candidate that the user calls ``wanted``."""
     exact = [c for c in found if wanted in _names(c)]
     folded = wanted.casefold()
     matches = exact or [c for c in found if folded in {n.casefold() for n in _names(c)}]
@@ -202,16 +178,16 @@ def _named(
     return _only(path, matches, kind, option)
 
 
-def _names(candidate: _Named) -> set[str]:
-    """All that a user may call the candidate."""
+def _names(candidate: ChannelGroup) -> set[str]:
+    """All names by which a user may choose the candidate."""
     header, name = candidate.header, candidate.name
     names = {name, f"{header.index}/{name}", f"{header.label}/{name}"}
-    if isinstance(candidate, ColorLayer) and header.name and not candidate.prefix:
+    if candidate.default and header.name:
         names.add(header.name)
     return names
 
 
-def _labels(candidates: Sequence[_Named]) -> list[str]:
+def _labels(candidates: Sequence[ChannelGroup]) -> list[str]:
     """Names that tell the candidates apart: PART/NAME when they are in several parts."""
     parts = {candidate.header.index for candidate in candidates}
     if len(parts) < 2:
@@ -222,7 +198,7 @@ def _labels(candidates: Sequence[_Named]) -> list[str]:
     return [f"{c.header.index}/{c.name}" for c in candidates]
 
 
-def _only(path: Path, candidates: Sequence[_Candidate], kind: str, option: str) -> _Candidate:
+def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str) -> ChannelGroup:
     if len(candidates) == 1:
         return candidates[0]
     labels = _labels(candidates)
@@ -231,8 +207,8 @@ def _only(path: Path, candidates: Sequence[_Candidate], kind: str, option: str) 
 
 
 def _listing(headers: Sequence[Header]) -> str:
-    """All channels of some parts, for a message."""
-    every = [DepthChannel(header, c.name) for header in headers for c in header.channels]
+    """The channels of ``headers``, for a message."""
+    every = [ChannelGroup(header, c.name) for header in headers for c in header.channels]
     shown = _labels(every[:40])
     more = len(every) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")

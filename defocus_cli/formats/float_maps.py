@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _AGAIN = "write or copy it again"
+# The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
+_PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
 
 
 @dataclass(frozen=True)
@@ -79,41 +81,31 @@ def _npy(path: Path, kinds: str) -> NDArray[Any]:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
         raise InputError(path, problem, "save one map a file")
+    check_size(path, values.shape[1], values.shape[0], values.itemsize)
     return values
 
 
 def _pfm(path: Path) -> NDArray[Any]:
     import numpy as np
 
-    head = read_head(path, 256)
-    # The fourth word ends with its line, or one blank; what follows may look like a blank too.
-    words = head.split(maxsplit=4)[:4]
-    if words[:1] == [b"PF"]:
-        raise InputError(path, "is a colour PFM (PF); depth has one channel (Pf)", "save it grey")
+    header = _PFM_HEADER.match(read_head(path, 256))
     try:
-        width, height, scale = int(words[1]), int(words[2]), float(words[3])
-        end = _end_of_word(head, words)
-        line = re.match(rb"[ \t\r]*\n", head[end:])
-        start = end + (line.end() if line else 1)
-        if words[0] != b"Pf" or not math.isfinite(scale) or scale == 0:
-            raise ValueError("scale 0" if words[0] == b"Pf" else "no Pf")
-    except (ValueError, IndexError) as error:
+        if header is None:
+            raise ValueError("no width, height and scale")
+        width, height, scale = int(header[2]), int(header[3]), float(header[4])
+        if not math.isfinite(scale) or scale == 0:
+            raise ValueError(f"scale {scale:g}")
+    except ValueError as error:
         raise InputError(path, f"has a damaged PFM header ({error})", _AGAIN) from error
+    if header[1] == b"PF":
+        raise InputError(path, "is a colour PFM (PF); depth has one channel (Pf)", "save it grey")
     check_size(path, width, height, 4)
-    there, wanted = path.stat().st_size - start, width * height * 4
-    if there < wanted:
-        problem = f"is truncated: {there} bytes of pixels, {wanted} expected"
+    held, wanted = path.stat().st_size - header.end(), width * height * 4
+    if held < wanted:
+        problem = f"is truncated: {held} bytes of pixels, {wanted} expected"
         raise InputError(path, problem, _AGAIN)
-    if there > wanted:
-        problem = f"holds {there - wanted} bytes more than the {wanted} of pixels of its header"
+    if held > wanted:
+        problem = f"holds {held - wanted} bytes more than the {wanted} of pixels of its header"
         raise InputError(path, problem, _AGAIN)
     dtype = np.dtype("<f4" if scale < 0 else ">f4")
-    return np.memmap(path, dtype, "r", start, (height, width))[::-1]
-
-
-def _end_of_word(head: bytes, words: list[bytes]) -> int:
-    """Offset just behind the last of ``words`` in ``head``."""
-    end = 0
-    for word in words:
-        end = head.index(word, end) + len(word)
-    return end
+    return np.memmap(path, dtype, "r", header.end(), (height, width))[::-1]

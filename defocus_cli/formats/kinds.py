@@ -13,8 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-# Bytes of a pixel of a map, in a compressed EXR file of a picture that is neither flat nor noise.
-_MAP_BYTES = 2.4
 DISPARITY_PER_RADIUS = 8 / (3 * math.pi)  # distance of the centroids of two half discs
 
 
@@ -25,29 +23,27 @@ class Kind:
     Attributes:
         name: as ``--outputs`` has it.
         help: a line for ``defocus render --help``.
-        compute: its pixels. Of a rendered kind, from the `defocus_core.Views` of a region
-            [..., h, w] to [..., C, h, w], C = 1 of a map; else from signed radii [h, w] in px to
-            [h, w].
         image: whether it is an image; else it is a map.
-        rendered: whether it needs the rendered views; else the signed radii are enough.
         halves: whether it needs the views through the left and the right half of the lens.
-        signed_preview: whether its preview is orange below 0, white at 0 and blue above 0; else
-            the preview shows its values as linear light.
+        of_radius: its values [h, w] from signed radii [h, w] in px; its preview is orange below 0,
+            white at 0 and blue above 0. None of a kind that is rendered: it is the attribute
+            ``name`` of `defocus_core.Views`, and its preview shows its values as linear light.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
-        file_bytes: of a pixel of a map, in its file; of an image, its format says so.
     """
 
     name: str
     help: str
-    compute: Callable[[Any], Any]
     image: bool = False
-    rendered: bool = False
     halves: bool = False
-    signed_preview: bool = False
+    of_radius: Callable[[Any], Any] | None = None
     title: str = ""
     unit: str = ""
-    file_bytes: float = _MAP_BYTES
+
+    @property
+    def rendered(self) -> bool:
+        """Whether it needs the rendered views; else the signed radii are enough."""
+        return self.of_radius is None
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
         """Bytes that a pixel takes in memory before it is written.
@@ -62,50 +58,26 @@ class Kind:
 
 
 _ROWS = (
+    Kind("render", "the defocused picture", image=True),
+    Kind("left", "what the left half of the lens sees (dual pixel)", image=True, halves=True),
+    Kind("right", "what the right half of the lens sees", image=True, halves=True),
     Kind(
-        name="render",
-        help="the defocused picture",
-        compute=lambda views: views.render,
-        image=True,
-        rendered=True,
-    ),
-    Kind(
-        name="left",
-        help="what the left half of the lens sees (dual pixel)",
-        compute=lambda views: views.left,
-        image=True,
-        rendered=True,
-        halves=True,
-    ),
-    Kind(
-        name="right",
-        help="what the right half of the lens sees",
-        compute=lambda views: views.right,
-        image=True,
-        rendered=True,
-        halves=True,
-    ),
-    Kind(
-        name="coc",
-        help="signed radius of the circle of confusion in px, beyond the focus positive",
-        compute=lambda radius: radius,
-        signed_preview=True,
+        "coc",
+        "signed radius of the circle of confusion in px, beyond the focus positive",
+        of_radius=lambda radius: radius,
         title="CoC map (signed radius, negative nearer than the focus)",
         unit="px",
     ),
     Kind(
-        name="disparity",
-        help="dual-pixel disparity in px, signed alike",
-        compute=lambda radius: radius * DISPARITY_PER_RADIUS,
-        signed_preview=True,
+        "disparity",
+        "dual-pixel disparity in px, signed alike",
+        of_radius=lambda radius: radius * DISPARITY_PER_RADIUS,
         title="disparity map (between left and right, signed like the CoC)",
         unit="px",
     ),
     Kind(
-        name="trust",
-        help="share of the lens that saw what the picture holds: 1 is nothing invented",
-        compute=lambda views: views.trust,
-        rendered=True,
+        "trust",
+        "share of the lens that saw what the picture holds: 1 is nothing invented",
         title="trust map (share of the lens that saw what the picture holds)",
     ),
 )

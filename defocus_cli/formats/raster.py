@@ -6,10 +6,10 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from defocus_cli.formats.color_space import ColorSpace, color_space
 from defocus_cli.formats.exr_channels import require_part
@@ -28,6 +28,24 @@ _AGAIN = "write or copy it again"
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
+# Metadata about the camera and the author, in OpenImageIO's names; the rest describes the encoding.
+_TAG_GROUPS = ("Exif:", "GPS:", "IPTC:")
+_TAGS = {
+    *("Make", "Model", "Artist", "Copyright", "ImageDescription", "DateTime"),
+    *("FNumber", "ExposureTime"),
+}
+# The output may differ from these, or they are of unknown structure.
+_NO_TAGS = {
+    *("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote"),
+}
+_LONGEST_TAG = 4096  # characters or numbers; EXIF takes 64 KB in all
+
+
+class Tag(NamedTuple):
+    """An EXIF, GPS or IPTC attribute: its type in OpenImageIO's words, and its value."""
+
+    type: str
+    value: Any
 
 
 class _MayBeWhole(Protocol):
@@ -53,6 +71,7 @@ class Raster:
         at_once: whether its decoder may hold all of it.
         page: which image of the file it is, from 0: a TIFF may have several.
         whole: whether it is no thumbnail or mask of another one.
+        tags: what the file says about the camera and the author.
     """
 
     width: int
@@ -65,6 +84,7 @@ class Raster:
     at_once: bool
     page: int
     whole: bool
+    tags: Mapping[str, Tag]
 
 
 def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> list[Raster]:
@@ -78,15 +98,11 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> li
         InputError: missing, empty, damaged, of unreasonable size, or not an image.
     """
     read_head(path)
-    with _telling(path):
-        file = _opened(path, wanted)
-        try:
-            found = [_said(path, file.spec(), file.format_name(), 0)]
-            while file.seek_subimage(len(found), 0):
-                found.append(_said(path, file.spec(), file.format_name(), len(found)))
-            return found
-        finally:
-            _close(file)
+    with _as_input_error(path), _opened(path, wanted) as file:
+        pages = [_raster(path, file, 0)]
+        while file.seek_subimage(len(pages), 0):
+            pages.append(_raster(path, file, len(pages)))
+        return pages
 
 
 def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
@@ -107,43 +123,41 @@ def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
 
 
 def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
-    """Decode an image of a file, some rows at a time.
+    """Decode an image of a file, strip after strip of rows.
 
     Args:
         path: a file that `read_pages` has looked at.
         page: which of them, one that is not deep.
 
     Yields:
-        Rows and columns of the upright picture, and what is there: uint8, uint16 or float32
+        Rows and columns of the upright picture, and their samples: uint8, uint16 or float32
         [h, w, C].
 
     Raises:
         InputError: it is damaged, or has samples of another type.
     """
-    with _telling(path):
-        file = _opened(path, "an image")
-    try:
-        file.seek_subimage(page, 0)
-        spec = file.spec()
+    with ExitStack() as stack:
+        with _as_input_error(path):  # not around the yield: it silences all that is printed
+            file = stack.enter_context(_opened(path, "an image"))
+            file.seek_subimage(page, 0)
+            spec = file.spec()
         kind = _SAMPLES.get(str(spec.format))
         if kind is None:
             problem = f"has samples of type {spec.format}"
             raise InputError(path, problem, "save it with 8, 16 or float samples")
         for rows in _strips(spec):
-            with _telling(path):
+            with _as_input_error(path):
                 samples = _decoded(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
                     problem = f"is truncated or damaged ({first_line(path, file.geterror())})"
                     raise InputError(path, problem, _AGAIN)
             yield _upright(spec, rows, samples)
-    finally:
-        _close(file)
 
 
 @contextmanager
-def _telling(path: Path) -> Iterator[None]:
-    """What goes wrong in the block is an InputError; what is printed is not seen."""
+def _as_input_error(path: Path) -> Iterator[None]:
+    """Turn every exception of a decoder into an InputError, and discard what it prints."""
     try:
         with quiet():
             yield
@@ -153,59 +167,53 @@ def _telling(path: Path) -> Iterator[None]:
         raise InputError(path, f"cannot be read ({reason(error)})", _AGAIN) from error
 
 
-def _opened(path: Path, formats: str) -> Any:
+@contextmanager
+def _opened(path: Path, formats: str) -> Iterator[Any]:
+    """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     file = oiio.ImageInput.open(str(path), config)
     if not file:
-        why = oiio.geterror()
-        told = "unknown format" if "format reader" in why else first_line(path, why)
-        problem = f"is not an image that can be read ({told})"
+        error = oiio.geterror()
+        why = "unknown format" if "format reader" in error else first_line(path, error)
+        problem = f"is not an image that can be read ({why})"
         raise InputError(path, problem, f"use {formats}")
-    if file.format_name() not in _KINDS:
-        kind = file.format_name().upper()
-        _close(file)
-        raise InputError(path, f"is of type {kind}, which is not read", f"use {formats}")
-    return file
-
-
-def _close(file: Any) -> None:
-    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    file.close()
-    oiio.geterror()  # or it would be told of the next file
+    try:
+        if file.format_name() not in _KINDS:
+            problem = f"is of type {file.format_name().upper()}, which is not read"
+            raise InputError(path, problem, f"use {formats}")
+        yield file
+    finally:
+        file.close()
+        oiio.geterror()  # or the next file would be blamed
 
 
 def _strips(spec: Any) -> Iterator[slice]:
     """Rows that are decoded at a time, whole tiles if there are any."""
-    step = bands((spec.height, spec.width))[0].stop
-    if spec.tile_height:
-        step = -(-step // spec.tile_height) * spec.tile_height
+    high = spec.tile_height or 1
+    step = -(-bands((spec.height, spec.width))[0].stop // high) * high
     for top in range(0, spec.height, step):
         yield slice(top, min(top + step, spec.height))
 
 
 def _decoded(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
     """Samples [h, W, C] of some rows as they are in the file, None if they cannot be had."""
-    top, bottom, z, channels = spec.y + rows.start, spec.y + rows.stop, spec.z, spec.nchannels
+    z, channels = spec.z, spec.nchannels
+    place = (spec.y + rows.start, spec.y + rows.stop, z)
     if spec.tile_width:
-        found = file.read_tiles(
-            *(page, 0, spec.x, spec.x + spec.width, top, bottom, z, z + 1, 0, channels, kind)
-        )
+        columns, channel_range = (spec.x, spec.x + spec.width), (z + 1, 0, channels)
+        samples = file.read_tiles(page, 0, *columns, *place, *channel_range, kind)
     else:
-        found = file.read_scanlines(page, 0, top, bottom, z, 0, channels, kind)
-    if found is None:
-        return None
-    samples: NDArray[Any] = found.reshape(rows.stop - rows.start, spec.width, channels)
-    return samples
+        samples = file.read_scanlines(page, 0, *place, 0, channels, kind)
+    return samples if samples is None else samples.reshape(-1, spec.width, channels)
 
 
 def _upright(
     spec: Any, rows: slice, samples: NDArray[Any]
 ) -> tuple[tuple[slice, slice], NDArray[Any]]:
-    """Samples of some rows, and where they lie, turned as cameras write it (EXIF 1 to 8)."""
+    """Rows, columns and samples of a strip, turned by its Orientation (EXIF 1 to 8)."""
     turn = spec.get_int_attribute("Orientation", 1)
     places, sizes = [rows, slice(0, spec.width)], [spec.height, spec.width]
     if turn in (5, 6, 7, 8):
@@ -218,7 +226,8 @@ def _upright(
     return (places[0], places[1]), samples
 
 
-def _said(path: Path, spec: Any, kind: str, page: int) -> Raster:
+def _raster(path: Path, file: Any, page: int) -> Raster:
+    spec = file.spec()
     width, height = spec.width, spec.height
     check_size(path, width, height, spec.pixel_bytes(True))
     if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
@@ -234,10 +243,21 @@ def _said(path: Path, spec: Any, kind: str, page: int) -> Raster:
         space=color_space(spec),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
-        at_once=_is_at_once(path, spec, kind),
+        at_once=_is_at_once(path, spec, file.format_name()),
         page=page,
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
+        tags=_tags(spec),
     )
+
+
+def _tags(spec: Any) -> dict[str, Tag]:
+    return {
+        attribute.name: Tag(str(attribute.type), attribute.value)
+        for attribute in spec.extra_attribs
+        if (attribute.name in _TAGS or attribute.name.startswith(_TAG_GROUPS))
+        and attribute.name not in _NO_TAGS
+        and len(str(attribute.value)) <= _LONGEST_TAG
+    }
 
 
 def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
@@ -263,5 +283,7 @@ def _canonical(spec: Any) -> Iterator[str]:
 
 def first_line(path: Path, text: str) -> str:
     """First line of what OpenImageIO says, short enough for a message that names the file."""
-    lines = text.replace(f' ("{path}")', "").strip().splitlines() or ["no reason given"]
+    for named, instead in ((f' ("{path}")', ""), (f" ({path})", ""), (f"{path}: ", "")):
+        text = text.replace(named, instead)
+    lines = text.replace(f'"{path}"', "it").strip().splitlines() or ["no reason given"]
     return one_line(lines[0]).rstrip(".")[:120]

@@ -106,6 +106,7 @@ class Outputs:
     kinds: tuple[str, ...] = ("render",)
     format: str = "exr"
     exr_type: str = "half"
+    jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
 

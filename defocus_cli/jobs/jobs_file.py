@@ -8,7 +8,7 @@ A TOML file with the tables
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-unit, depth-channel, color-layer, part
-  [outputs]   kinds, format, exr-type, preview
+  [outputs]   kinds, format, exr-type, jpeg-quality, preview
   [machine]   quality, or tolerance, like "1px"; depth-repair, "auto" or "off"
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
@@ -77,7 +77,7 @@ def _reading(section: Table) -> Reading:
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(("kinds", "format", "exr-type", "preview"))
+    section.refuse_unknown(("kinds", "format", "exr-type", "jpeg-quality", "preview"))
     name = section.values.get("format")
     if isinstance(name, str):
         aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -86,15 +86,15 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "kinds": _kinds(section),
         "format": section.choice("format", tuple(SUFFIXES)),
         "exr_type": section.choice("exr-type", ("half", "float")),
+        "jpeg_quality": section.whole("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
-    if values["exr_type"] is not None and outputs.format != "exr":
-        problem, remedy = (
-            f"says nothing about {outputs.format}",
-            'leave it out, or use format = "exr"',
-        )
-        raise UsageProblem(section.place("exr-type"), problem, remedy)
+    for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
+        if values[field] is not None and outputs.format != kind:
+            problem = f"says nothing about {outputs.format}"
+            remedy = f'leave it out, or use format = "{kind}"'
+            raise UsageProblem(section.place(field.replace("_", "-")), problem, remedy)
     return outputs
 
 

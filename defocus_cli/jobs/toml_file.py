@@ -82,12 +82,13 @@ class Table:
             return value
         raise UsageProblem(self.place(key), f"{value!r} is neither true nor false", "write true")
 
-    def whole(self, key: str, least: int) -> int | None:
-        """A whole number of at least ``least``, or None."""
+    def whole(self, key: str, least: int, most: int | None = None) -> int | None:
+        """A whole number of at least ``least`` and at most ``most``, or None."""
         value = self.values.get(key)
-        if value is None or (type(value) is int and value >= least):
+        if value is None or (type(value) is int and least <= value <= (most or value)):
             return value
-        problem = f"{value!r} is not a whole number of {least} or more"
+        limits = f"{least} or more" if most is None else f"{least} to {most}"
+        problem = f"{value!r} is not a whole number of {limits}"
         raise UsageProblem(self.place(key), problem, f"write it like {max(least, 1)}")
 
 

@@ -120,6 +120,12 @@ def output_options(command: Command) -> Command:
                 help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
             ),
             option(
+                "--jpeg-quality",
+                type=click.IntRange(1, 100),
+                metavar="1…100",
+                help=f"Quality of JPEG images.  [default: {Outputs.jpeg_quality}]",
+            ),
+            option(
                 "--preview",
                 is_flag=True,
                 help="Also write OUT/<kind>/<stem>.preview.png to look at.",
@@ -129,12 +135,20 @@ def output_options(command: Command) -> Command:
     )(command)
 
 
-def _outputs(*, exr_type: str | None, **others: Any) -> Outputs:
+def _outputs(*, exr_type: str | None, jpeg_quality: int | None, **others: Any) -> Outputs:
     outputs = Outputs(**others)
-    if exr_type and outputs.format != "exr":
-        problem = f"says nothing about {outputs.format}"
-        raise UsageProblem("--exr-type", problem, "leave it out, or use --format exr")
-    return replace(outputs, exr_type=exr_type or outputs.exr_type)
+    for option, value, kind in (
+        ("--exr-type", exr_type, "exr"),
+        ("--jpeg-quality", jpeg_quality, "jpg"),
+    ):
+        if value is not None and outputs.format != kind:
+            problem = f"says nothing about {outputs.format}"
+            raise UsageProblem(option, problem, f"leave it out, or use --format {kind}")
+    return replace(
+        outputs,
+        exr_type=exr_type or outputs.exr_type,
+        jpeg_quality=jpeg_quality or outputs.jpeg_quality,
+    )
 
 
 def machine_options(command: Command) -> Command:

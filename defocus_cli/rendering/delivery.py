@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,12 +22,12 @@ if TYPE_CHECKING:
 class _OfRadius:
     """A map that is computed from the signed radii [H, W], a few rows at a time."""
 
-    def __init__(self, radius: Any, kind: Kind) -> None:
-        self._radius, self._kind = radius, kind
+    def __init__(self, radius: Any, compute: Callable[[Any], Any]) -> None:
+        self._radius, self._compute = radius, compute
         self.shape, self.dtype = radius.shape, radius.dtype
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
-        values: NDArray[Any] = self._kind.compute(self._radius[rows])
+        values: NDArray[Any] = self._compute(self._radius[rows])
         return values
 
 
@@ -49,13 +50,17 @@ def write(rendering: Rendering) -> Outcome:
 
 def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
-    from defocus_cli.formats.encode import write_image, write_map
+    from defocus_cli.formats.encode import write_image
+    from defocus_cli.formats.exr import write_exr
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
     color, job, warnings = rendering.color, rendering.outcome.job, []
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    of_radius = (_OfRadius(rendering.radius, kind),)
-    planes = rendering.images[kind.name] if kind.rendered else of_radius
+    planes = (
+        (_OfRadius(rendering.radius, kind.of_radius),)
+        if kind.of_radius
+        else rendering.images[kind.name]
+    )
     attributes = _attributes(rendering.outcome, kind)
     if kind.image:
         lost = write_image(
@@ -64,6 +69,7 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
             color.channels,
             exr_type=job.outputs.exr_type,
             bits=16 if job.outputs.format == "png16" else 8,
+            jpeg_quality=job.outputs.jpeg_quality,
             attributes={**color.attributes, **attributes},
             extras=color.extras,
             corner=color.corner,
@@ -71,8 +77,8 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     else:
-        write_map(path, planes[0], kind.name, attributes=attributes, corner=color.corner)
-    if preview is not None and kind.signed_preview:
+        write_exr(path, {kind.name: planes[0]}, attributes, color.corner)
+    if preview is not None and kind.of_radius:
         write_signed_preview(preview, planes[0])
     elif preview is not None:
         write_preview(preview, Stack(planes))

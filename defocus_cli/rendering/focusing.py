@@ -85,11 +85,12 @@ def repair_of(lens: Lens, depth: Depth) -> str:
     import torch
 
     from defocus_cli.rendering.outcome import repair_words
-    from defocus_cli.system.arrays import IN_MEMORY
+    from defocus_cli.system.arrays import Scratch, Windows
     from defocus_core import diagnose_depth
 
     height, width = depth.metres.shape
-    radius = torch.from_numpy(radius_map(lens, depth, IN_MEMORY)[0])
+    keeping = Keeping(scratch=isinstance(depth.metres, Scratch))
+    radius = Windows([radius_map(lens, depth, keeping)[0]], "cpu", lone=True)
     infinity = radius_at_infinity(lens, (width, height))
     return repair_words(diagnose_depth(radius, infinity, torch.get_num_threads()))
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
@@ -139,12 +138,12 @@ class _Images:
         import numpy as np
 
         from defocus_cli.formats.exr import clamped_half
-        from defocus_cli.system.arrays import fetched
+        from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = fetched(KINDS[kind].compute(part)).reshape(len(planes), height, width)
+            pixels = to_array(getattr(part, kind)).reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 if beyond.any():

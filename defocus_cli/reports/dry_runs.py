@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
 _PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
 _PREVIEW_BYTES = 1.5
+_MAP_BYTES = 2.4
 
 
 def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
@@ -149,5 +150,5 @@ def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:
         return float(pixels * written / pixels_done)
     outputs = plan.todo[0][0].outputs
     image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
-    each = (image if kind.image else kind.file_bytes for kind in outputs.rows)
+    each = (image if kind.image else _MAP_BYTES for kind in outputs.rows)
     return pixels * (sum(each) + outputs.preview * len(outputs.kinds) * _PREVIEW_BYTES)

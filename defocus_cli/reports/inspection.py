@@ -6,20 +6,25 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.kinds import KINDS, MAPS, Kind
 from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError
+from defocus_cli.system.memory import MB
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from defocus_cli.formats.depth import Depth
     from defocus_cli.formats.describe import FileInfo
+
+# A file with more numbers, 256 MB as floats, is read into scratch files.
+_NUMBERS_IN_MEMORY = 2**26
+# Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
+_MOST_AT_ONCE = 512
+_BYTES = {"uint8": 1, "uint16": 2, "half": 2}
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
         InputError: the file cannot be read, or does not have what ``reading`` names.
         UsageProblem: the options make no sense for this file.
     """
-    from defocus_cli.formats.color import read_color
+    from defocus_cli.formats.color import LARGEST_FLOAT, count_beyond, read_color
     from defocus_cli.formats.depth import read_depth
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
@@ -85,16 +90,24 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
     info = describe(path)
     if reading.part is not None and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
+    channels = sum(len(part.channels) for part in info.parts)
+    keeping = Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
+    samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
+    decoded = info.at_once * info.width * info.height * samples / MB
+    if decoded > _MOST_AT_ONCE:
+        why = f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
+        return Inspection(info, None, why, None, why)
     color_note = _why_no_color(info, reading)
     depth_note = _why_no_depth(info, reading)
     color = depth = None
     if not color_note:
-        read = read_color(path, layer=reading.color_layer, part=reading.part)
-        color = ColorFound(read.note, read.channels, _nonfinite(read.pixels))
+        read = read_color(path, layer=reading.color_layer, part=reading.part, keeping=keeping)
+        color = ColorFound(read.note, read.channels, count_beyond(read, LARGEST_FLOAT)[0])
     if not depth_note:
         channel, unit = reading.depth_channel, reading.depth_unit
-        depth = _summary(read_depth(path, channel=channel, part=reading.part, unit=unit), lens)
-    return Inspection(info, color, color_note, depth, depth_note, _maps(info))
+        values = read_depth(path, channel=channel, part=reading.part, unit=unit, keeping=keeping)
+        depth = _summary(values, lens)
+    return Inspection(info, color, color_note, depth, depth_note, _maps(info, keeping))
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
@@ -147,30 +160,31 @@ def _chosen(
     return "", None
 
 
-def _maps(info: FileInfo) -> tuple[MapFound, ...]:
-    import numpy as np
-
+def _maps(info: FileInfo, keeping: Keeping) -> tuple[MapFound, ...]:
     from defocus_cli.formats.exr import read_parts
 
     if not any(name in MAPS for part in info.parts for name, _ in part.channels):
         return ()
-    found = []
-    for part in read_parts(info.path):
-        for kind in [name for name in MAPS if name in part.channels]:
-            finite = part.channels[kind][np.isfinite(part.channels[kind])]
-            reach = (float(finite.min()), float(finite.max())) if finite.size else None
-            found.append(MapFound(KINDS[kind], reach))
-    return tuple(found)
+    maps = []
+    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in MAPS):
+        maps += [MapFound(KINDS[kind], _range(plane)) for kind, plane in part.channels.items()]
+    return tuple(maps)
+
+
+def _range(values: Any) -> tuple[float, float] | None:
+    """Least and greatest of the finite values [H, W]; None if there are none."""
+    import numpy as np
+
+    ends = []
+    for rows in bands(values.shape):
+        band = values[rows]
+        band = band[np.isfinite(band)]
+        ends += [float(band.min()), float(band.max())] if band.size else []
+    return (min(ends), max(ends)) if ends else None
 
 
 def _clause(error: InputError) -> str:
     return f"{error.problem}; {error.remedy}" if error.remedy else error.problem
-
-
-def _nonfinite(pixels: NDArray[np.float32]) -> int:
-    import numpy as np
-
-    return int((~np.isfinite(pixels)).any(axis=2).sum())
 
 
 def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
@@ -178,24 +192,31 @@ def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
 
     from defocus_cli.rendering import focusing
 
-    valid = depth.metres[~depth.invalid]
-    finite = valid[np.isfinite(valid)]
+    height, width = depth.metres.shape
+    sky = valid = 0
+    ends: list[float] = []  # of valid depth, sky included
+    finite_ends: list[float] = []
+    for rows in bands((height, width)):
+        metres = depth.metres[rows][depth.valid(rows)]
+        finite = metres[np.isfinite(metres)]
+        sky, valid = sky + metres.size - finite.size, valid + metres.size
+        ends += [float(metres.min()), float(metres.max())] if metres.size else []
+        finite_ends += [float(finite.min()), float(finite.max())] if finite.size else []
     coc_px, repair = None, ""
-    if lens is not None and valid.size:
+    if lens is not None and ends:
         lens = focusing.focused(lens, depth)
-        height, width = depth.metres.shape
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
-        extremes = np.array([valid.min(), valid.max()])
+        extremes = np.array([min(ends), max(ends)], np.float32)
         near, far = focusing.signed_radius(lens, extremes, (width, height))
         coc_px = (float(near), float(far))
-        if not depth.invalid.any():
+        if valid == height * width:
             with suppress(InputError):  # too near to be rendered, as the radius shows
                 repair = focusing.repair_of(lens, depth)
     return DepthFound(
         note=depth.note,
-        range_m=(float(finite.min()), float(finite.max())) if finite.size else None,
-        sky=int(np.isinf(valid).sum()),
-        invalid=int(depth.invalid.sum()),
+        range_m=(min(finite_ends), max(finite_ends)) if finite_ends else None,
+        sky=sky,
+        invalid=height * width - valid,
         lens=lens,
         coc_px=coc_px,
         repair=repair,

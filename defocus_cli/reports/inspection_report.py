@@ -12,30 +12,30 @@ if TYPE_CHECKING:
     from defocus_cli.reports.inspection import DepthFound, Inspection, MapFound
 
 
-def record(found: Inspection) -> dict[str, Any]:
+def record(inspection: Inspection) -> dict[str, Any]:
     """What is in a file."""
-    told: dict[str, Any] = {
-        "file": str(found.info.path),
-        "size": [found.info.width, found.info.height],
+    document: dict[str, Any] = {
+        "file": str(inspection.info.path),
+        "size": [inspection.info.width, inspection.info.height],
         "parts": [
             {"index": p.index, "name": p.name, "deep": p.deep, "channels": dict(p.channels)}
-            for p in found.info.parts
+            for p in inspection.info.parts
         ],
         "color": None,
-        "color_note": found.color_note,
+        "color_note": inspection.color_note,
         "depth": None,
-        "depth_note": found.depth_note,
-        "maps": [_map_record(shown) for shown in found.maps],
+        "depth_note": inspection.depth_note,
+        "maps": [_map_record(map_found) for map_found in inspection.maps],
     }
-    if found.color is not None:
-        told["color_note"] = found.color.note
-        told["color"] = {
-            "channels": list(found.color.channels),
-            "nonfinite_pixels": found.color.nonfinite,
+    if inspection.color is not None:
+        document["color_note"] = inspection.color.note
+        document["color"] = {
+            "channels": list(inspection.color.channels),
+            "nonfinite_pixels": inspection.color.nonfinite,
         }
-    if (depth := found.depth) is not None:
-        told["depth_note"] = depth.note
-        told["depth"] = {
+    if (depth := inspection.depth) is not None:
+        document["depth_note"] = depth.note
+        document["depth"] = {
             "range_m": depth.range_m,
             "sky_pixels": depth.sky,
             "invalid_pixels": depth.invalid,
@@ -43,39 +43,40 @@ def record(found: Inspection) -> dict[str, Any]:
             "coc_px": depth.coc_px,
             "repair": depth.repair,
         }
-    return told
+    return document
 
 
-def _map_record(shown: MapFound) -> dict[str, Any]:
-    unit = shown.kind.unit
-    return {"kind": shown.kind.name, f"range_{unit}" if unit else "range": shown.range}
+def _map_record(map_found: MapFound) -> dict[str, Any]:
+    unit = map_found.kind.unit
+    return {"kind": map_found.kind.name, f"range_{unit}" if unit else "range": map_found.range}
 
 
-def lines(found: Inspection) -> Iterator[str]:
+def lines(inspection: Inspection) -> Iterator[str]:
     """What is in a file, in words."""
-    info = found.info
+    info = inspection.info
     yield f"{info.path}: {info.width}x{info.height}"
     for part in info.parts:
         named = f"part {part.index}{f' ({part.name})' if part.name else ''}: "
         channels = ", ".join(f"{name} {kind}" for name, kind in part.channels)
         yield f"  {named if len(info.parts) > 1 else ''}{channels}{', deep' if part.deep else ''}"
-    for shown in found.maps:
+    for map_found in inspection.maps:
         reach = "no finite pixel"
-        if shown.range is not None:
-            reach = f"{shown.range[0]:.2f} to {shown.range[1]:.2f} {shown.kind.unit}".rstrip()
-        yield f"  {shown.kind.title}: {reach}"
-    if found.maps and found.color is None and found.depth is None:
+        if map_found.range is not None:
+            least, greatest = map_found.range
+            reach = f"{least:.2f} to {greatest:.2f} {map_found.kind.unit}".rstrip()
+        yield f"  {map_found.kind.title}: {reach}"
+    if inspection.maps and inspection.color is None and inspection.depth is None:
         return
-    if found.color is None:
-        yield f"  no colour: {found.color_note}"
+    if inspection.color is None:
+        yield f"  no colour: {inspection.color_note}"
     else:
-        bad = found.color.nonfinite
+        bad = inspection.color.nonfinite
         holes = f", {counted(bad, 'pixel')} not finite" if bad else ""
-        yield f"  colour: {', '.join(found.color.channels)}{holes} ({found.color.note})"
-    if found.depth is None:
-        yield f"  no depth: {found.depth_note}"
+        yield f"  colour: {', '.join(inspection.color.channels)}{holes} ({inspection.color.note})"
+    if inspection.depth is None:
+        yield f"  no depth: {inspection.depth_note}"
     else:
-        yield from _depth_lines(found.depth)
+        yield from _depth_lines(inspection.depth)
 
 
 def _depth_lines(depth: DepthFound) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Arrays [H, W] in memory or, where they would not fit, in a scratch file.
 
-A scratch file has no name: whatever ends the process, nothing of it stays. Of what is in it, no
-more is in memory than the window that is looked at.
+A scratch file has no name, so that nothing of it stays however the process ends. Only the window
+that is read or written is in memory.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     import torch
     from numpy.typing import NDArray
 
-# Pixels of a row or rows that are looked at at once.
+# Pixels of a band of rows.
 _BAND = 1 << 20
 _LASTING = Path("/var/tmp")
 
 
 class Scratch:
-    """An array [H, W] in a file without a name, cut and filled by slices like one in memory.
+    """An array [H, W] in a file without a name, read and filled by slices like one in memory.
 
     Attributes:
         shape: (height, width).
@@ -55,27 +55,27 @@ class Scratch:
             raise _no_room(folder, size, error) from None
 
     def __getitem__(self, window: Any) -> NDArray[Any]:
-        """The numbers in slices of rows and, after them, of columns; a copy."""
+        """A copy of the window [rows] or [rows, columns]."""
         import numpy as np
 
         (top, below, step), (left, beside, stride) = self._cuts(window)
-        found = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
-        for rows, offset in self._runs(found, top, left):
+        values = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
+        for rows, offset in self._runs(values, top, left):
             if os.preadv(self._file.fileno(), [rows.data], offset) < rows.nbytes:
                 raise OSError("a scratch file ended early")
-        return found[::step, ::stride]
+        return values[::step, ::stride]
 
     def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
-        """Fill slices, without steps, of rows and columns."""
+        """Fill the window [rows] or [rows, columns], slices without steps."""
         import numpy as np
 
         (top, below, _), (left, beside, _) = self._cuts(window)
-        given = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
+        cut = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
         try:
-            for rows, offset in self._runs(given.astype(self.dtype, copy=False), top, left):
+            for rows, offset in self._runs(cut.astype(self.dtype, copy=False), top, left):
                 os.pwritev(self._file.fileno(), [rows.data], offset)
         except OSError as error:
-            raise _no_room(scratch_folder(), given.nbytes, error) from None
+            raise _no_room(scratch_folder(), cut.nbytes, error) from None
 
     def _cuts(self, window: Any) -> list[tuple[int, int, int]]:
         cuts = window if isinstance(window, tuple) else (window,)
@@ -85,7 +85,7 @@ class Scratch:
     def _runs(
         self, values: NDArray[Any], top: int, left: int
     ) -> Iterator[tuple[NDArray[Any], int]]:
-        """Parts of an array that lie in one piece in the file, and where."""
+        """Pieces of an array that are contiguous in the file, each with its offset in bytes."""
         if values.shape[1] == self.shape[1]:
             count = max(1, _BAND // max(1, self.shape[1]))
             pieces = [values[y : y + count] for y in range(0, len(values), count)]
@@ -104,19 +104,19 @@ class Keeping:
     scratch: bool = False
 
     def new(self, shape: tuple[int, int], dtype: Any) -> Any:
-        """An array [H, W], to be filled."""
+        """An array [H, W] of zeros."""
         if self.scratch:
             return Scratch(shape, dtype)
         import numpy as np
 
-        return np.empty(shape, dtype)
+        return np.zeros(shape, dtype)
 
 
 IN_MEMORY = Keeping()
 
 
 class Stack:
-    """Some arrays [H, W] as one [H, W, C], cut by rows."""
+    """C arrays [H, W] as one [H, W, C], read by slices of rows."""
 
     def __init__(self, planes: Sequence[Any]) -> None:
         self.planes = planes
@@ -130,7 +130,7 @@ class Stack:
 
 
 class Windows:
-    """Arrays [H, W] as what `defocus_core` renders from: [C, H, W], or [H, W] of a lone one."""
+    """Arrays [H, W] as a source of `defocus_core`: [C, H, W], or [H, W] of a lone array."""
 
     def __init__(self, planes: Sequence[Any], device: str, *, lone: bool = False) -> None:
         import torch
@@ -143,36 +143,33 @@ class Windows:
         self.dtype: torch.dtype = torch.from_numpy(first.copy()).dtype
 
     def __getitem__(self, window: Any) -> torch.Tensor:
-        """A window, on the device."""
+        """The window [..., rows, columns], on the device."""
         import numpy as np
 
         cuts = window if isinstance(window, tuple) else (window,)
         cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
         if self._lone:
-            found = self._planes[0][cuts]
-        else:
-            found = np.stack([plane[cuts] for plane in self._planes])
-        return sent(found, self.device)
+            return to_device(self._planes[0][cuts], self.device)
+        return to_device(np.stack([plane[cuts] for plane in self._planes]), self.device)
 
 
-def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
-    """Rows of an array [H, W, …], some at a time."""
+def bands(shape: Sequence[int]) -> list[slice]:
+    """Bands of rows that together are an array [H, W, …]."""
     height, width = shape[:2]
-    count = max(1, pixels // max(1, width))
+    count = max(1, _BAND // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 
-def count_of(found: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
-    """How many pixels of bands [h, W], of known first rows, are true, and the first as x,y."""
+def count_of(masks: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
+    """Number of true pixels in bands [h, W], each with its first row, and the first as x,y."""
     import numpy as np
 
     count, first = 0, ""
-    for band, top in found:
-        here = int(np.count_nonzero(band))
-        if here and not count:
+    for band, top in masks:
+        if not count and band.any():
             y, x = np.unravel_index(int(band.argmax()), band.shape)
             first = f"{x},{y + top}"
-        count += here
+        count += int(np.count_nonzero(band))
     return count, first
 
 
@@ -189,18 +186,18 @@ def _no_room(folder: Path, size: int, error: OSError) -> InputError:
     return InputError(folder, problem, remedy)
 
 
-def sent(values: Any, device: torch.device) -> torch.Tensor:
-    """An array as a tensor on a device; to a GPU it is still on its way while work goes on."""
+def to_device(values: Any, device: torch.device) -> torch.Tensor:
+    """An array as a tensor on a device; the copy to a GPU goes on while the CPU works."""
     import torch
 
-    found = torch.from_numpy(values)
+    tensor = torch.from_numpy(values)
     if device.type != "cuda":
-        return found.to(device)
-    return found.pin_memory().to(device, non_blocking=True)
+        return tensor.to(device)
+    return tensor.pin_memory().to(device, non_blocking=True)
 
 
-def fetched(values: torch.Tensor) -> Any:
-    """A tensor as an array, once all that it depends on is computed."""
+def to_array(values: torch.Tensor) -> Any:
+    """A tensor as an array in memory, after waiting for the work on the GPU that it needs."""
     import torch
 
     if not values.is_cuda:

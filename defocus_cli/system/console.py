@@ -28,7 +28,7 @@ def version() -> str:
 def say(line: str) -> None:
     """One line on stderr, above the progress bar if there is one."""
     line = printable(line)
-    # Words that find no ear are no reason to lose the picture.
+    # A closed stderr is no reason to lose the picture.
     with spoken(), suppress(OSError):
         if "tqdm" in sys.modules and sys.stderr is not None:
             sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)

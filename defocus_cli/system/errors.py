@@ -30,8 +30,8 @@ class UserError(click.ClickException):
         self.subject = printable(str(subject))
         self.problem = one_line(problem)
         self.remedy = one_line(remedy)
-        told = f"{self.subject}: {self.problem}"
-        super().__init__(f"{told}; {self.remedy}" if self.remedy else told)
+        line = f"{self.subject}: {self.problem}"
+        super().__init__(f"{line}; {self.remedy}" if self.remedy else line)
 
     def __reduce__(self) -> tuple[type[UserError], tuple[str, str, str]]:
         # By default an exception unpickles from its message alone; workers send these home.
@@ -76,7 +76,7 @@ def one_line(text: object) -> str:
 
 
 def printable(text: str) -> str:
-    """``text`` with what would steer a terminal or break a line written as Python escapes it.
+    """``text`` with control characters and line breaks written as Python escapes.
 
     File names may hold anything: line breaks, escapes, bytes that are no UTF-8.
     """
@@ -91,15 +91,15 @@ def printable(text: str) -> str:
 
 
 def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:
-    """The remedy for a name that is not known: the nearest that is, or else ``otherwise``."""
+    """The remedy for an unknown name: the nearest known name, or else ``otherwise``."""
     nearest = get_close_matches(word.lower(), known, n=1, cutoff=0.7)
     return f"did you mean {nearest[0]}?" if nearest else otherwise
 
 
 def reason(error: BaseException) -> str:
-    """What an exception of any library says, as one clause without a full stop."""
-    told = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return one_line(told).rstrip(".")
+    """The message of any exception, as one clause without a full stop."""
+    message = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return one_line(message).rstrip(".")
 
 
 class Rejected(InputError):  # noqa: N818 - it is no error of the user's

@@ -1,7 +1,7 @@
 """Ctrl-C, and the signals that end a process.
 
-Ctrl-C pressed once finishes what has been begun; pressed again, it stops all. SIGTERM and SIGHUP
-stop all at once, as who sends them may not wait: nothing half-written is left.
+The first Ctrl-C lets the pictures that have been begun be finished; the second one stops at once.
+SIGTERM and SIGHUP stop at once, since their sender may not wait: no file is left half written.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def terminations() -> Iterator[None]:
             signal.signal(other, signal.SIG_IGN)
         raise Terminated(number)
 
-    # What nohup has switched off stays off.
+    # A signal that nohup ignores stays ignored.
     before = [number for number in _ENDING if signal.getsignal(number) == signal.SIG_DFL]
     for number in before:
         signal.signal(number, end)

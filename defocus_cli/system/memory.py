@@ -28,7 +28,7 @@ _LARGEST, _FOREVER = 2**25, 2**31 - 1
 
 
 def reset_peak(device: str = "cpu") -> None:
-    """Let the peak begin anew, where the system can; what is free goes back to it before."""
+    """Set the peak back to what is held now, where the system can; free memory goes back first."""
     if device == "cuda":
         import torch
 
@@ -40,9 +40,9 @@ def reset_peak(device: str = "cpu") -> None:
 
 
 def peak_mb(device: str = "cpu") -> float | None:
-    """Most that the process held since the reset, or ever where there is none; None if unknown.
+    """Largest memory of the process since `reset_peak`, or ever if that has no effect.
 
-    On a GPU it is the most that tensors held there.
+    None where no system tells. On a GPU, the largest memory of tensors there.
     """
     if device == "cuda":
         import torch
@@ -59,7 +59,7 @@ def peak_mb(device: str = "cpu") -> float | None:
 
 
 def held_mb(device: str = "cpu") -> float:
-    """What is held now; 0 where no system tells."""
+    """Memory that the process holds now; 0 where no system tells."""
     if device == "cuda":
         import torch
 
@@ -70,45 +70,45 @@ def held_mb(device: str = "cpu") -> float:
 
 
 def available_mb(device: str = "cpu") -> float | None:
-    """What can still be taken without swapping or being killed; None where no system tells."""
+    """Memory that can be taken without swapping or being killed; None where no system tells."""
     if device == "cuda":
         import torch
 
         return torch.cuda.mem_get_info()[0] / MB
-    found = []
+    limits = []
     with suppress(OSError, ValueError, IndexError):
-        found.append(_entry(_MEMINFO, "MemAvailable:"))
+        limits.append(_entry(_MEMINFO, "MemAvailable:"))
     for limit, used in _GROUPS:
         with suppress(OSError, ValueError):  # "max" is no number: no limit
-            found.append((int(Path(limit).read_text()) - int(Path(used).read_text())) / MB)
-    return max(min(found), 0.0) if found else None
+            limits.append((int(Path(limit).read_text()) - int(Path(used).read_text())) / MB)
+    return max(min(limits), 0.0) if limits else None
 
 
 def _entry(file: Path, name: str) -> float:
-    """A line like ``VmRSS: 123 kB``, which means KiB, in MB."""
+    """The number of a line like ``VmRSS: 123 kB``, which means KiB, in MB."""
     return int(file.read_text().partition(name)[2].split()[0]) * _KIB / MB
 
 
 def trim() -> None:
-    """Hand back what the allocator of glibc keeps for later; others are left alone."""
+    """Give freed memory back to the system; only glibc's allocator can."""
     _glibc("malloc_trim", 0)
 
 
 def keep_freed(keep: bool) -> None:
-    """Whether the allocator of glibc keeps all that is set free for later; others are left alone.
+    """Whether glibc's allocator keeps freed memory for later; other allocators stay as they are.
 
-    Where it does not, it hands back what ends its heap beyond the most that it comes to by itself,
-    and what is taken next is taken from the system page by page: 3 to 10 % of the time of a
-    picture. What is as large as _LARGEST is handed back anyhow.
+    If not, it gives free memory at the end of its heap back to the system, and takes the next
+    pages one by one: 3 to 10 % of the time of a picture. Blocks of _LARGEST bytes or more are
+    given back in any case.
     """
     _glibc("mallopt", _M_MMAP_THRESHOLD, _LARGEST)
     _glibc("mallopt", _M_TRIM_THRESHOLD, _FOREVER if keep else 2 * _LARGEST)
 
 
 def share_heap() -> None:
-    """Have threads begun later take from one heap of glibc: what one sets free another finds.
+    """Let later threads share one heap of glibc, so that one uses what another has freed.
 
-    Heaps of their own are new for each of them, and taken page by page.
+    Otherwise each thread has a new heap, whose pages the system gives one by one.
     """
     _glibc("mallopt", _M_ARENA_MAX, 1)
 

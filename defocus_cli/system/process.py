@@ -1,8 +1,8 @@
 """Settings of a process that renders: torch threads, the allocator, garbage collection.
 
-Threads work on tiles, torch itself uses one: its own threads inside each would only wait for one
-another. The interpreter is handed on more often than usual: steps of a tile are short, and a thread
-that waits 5 ms misses many. And memory of one tile is kept for the next.
+Each thread works on tiles, and torch uses one thread inside it: more would only wait for each
+other. The interpreter switches threads more often than usual, since the steps of a tile are short
+and a thread that waits 5 ms misses many. The memory of one tile is kept for the next.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _SWITCH_SECONDS = 5e-4
 
 
 def set_to_render() -> None:
-    """To be called before anything is rendered; again is harmless."""
+    """Set this process up for rendering; harmless when called again."""
     import torch
 
     torch.set_num_threads(1)
@@ -29,13 +29,13 @@ def set_to_render() -> None:
 
 @contextmanager
 def imports() -> Iterator[None]:
-    """What is imported within, and all that is there by then, is not looked through any more."""
+    """Exclude the modules imported in the block from later garbage collections."""
     collecting = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if not gc.get_freeze_count():  # later there may be garbage among it
+        if not gc.get_freeze_count():  # a second time, there may be garbage to keep
             gc.freeze()
             atexit.register(gc.unfreeze)  # libraries expect to be cleared away at the end
         if collecting:

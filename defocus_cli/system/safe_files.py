@@ -1,7 +1,7 @@
 """Files checked before a decoder sees them, and written whole or not at all.
 
-Decoders written in C print whatever they like on the process's stdout and stderr; `quiet` keeps
-that from data on stdout and from the one line a user is promised on stderr.
+Decoders written in C print on the stdout and stderr of the process; `quiet` discards that, so that
+stdout has only data and stderr only our one line for each error.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MAX_PIXELS = 2**30
-# No codec in use packs real pixels tighter than this; small images are allocated without asking.
+# No codec packs real pixels tighter than MAX_RATIO; images below UNASKED_BYTES are not checked.
 MAX_RATIO = 10_000
 UNASKED_BYTES = 2**28
 
@@ -95,9 +95,10 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Send all that is printed to nowhere while the block runs; one thread at a time.
+    """Discard all that is printed while the block runs, by one thread at a time.
 
-    stdout and stderr belong to the process: what other threads print meanwhile is lost too.
+    stdout and stderr belong to the process: what other threads print meanwhile is lost too, unless
+    they print inside `spoken`.
     """
     with _quiet_lock:
         for stream in (sys.stdout, sys.stderr):
@@ -122,13 +123,13 @@ def quiet() -> Iterator[None]:
 
 @contextmanager
 def spoken() -> Iterator[None]:
-    """Words that are said in the block are heard, even if another thread is in `quiet`."""
+    """Keep what the block prints from being discarded by another thread's `quiet`."""
     with _quiet_lock:
         yield
 
 
 def leftover(path: Path, process: int) -> str:
-    """How the names of the hidden siblings of ``path`` start that a process makes."""
+    """Prefix of the names of the hidden siblings of ``path`` that a process writes."""
     return f".{path.name[:48]}.{process}."
 
 
@@ -164,7 +165,7 @@ def written_whole(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def written_together() -> Iterator[None]:
-    """Files that are `written_whole` in the block take their places when it ends well, or none.
+    """Files that are `written_whole` in the block appear together when it ends well, or none.
 
     Their names are durable when this returns.
 

@@ -17,6 +17,8 @@ from defocus_core.runtime.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.
 _MOST_PX = 1e8
+# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
+BRIGHTEST = 1e30
 # Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
 _RANGE, _SQUARED = 1e3, 1e15
 
@@ -51,7 +53,7 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         threads: Number of bands of rows that are looked at at once.
 
     Raises:
-        ValueError: If a value is not finite, or a radius is greater than 1e8 px.
+        ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
     """
     H, W = signed_radius.shape
 
@@ -78,6 +80,11 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
             f"signed_radius must be within {_MOST_PX:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
         )
+    if max(-ends[2], ends[3]) > BRIGHTEST:
+        raise ValueError(
+            f"image must be within ±{BRIGHTEST:g}, got {ends[2]:.3g} to {ends[3]:.3g}; "
+            "scale it, light has no unit here"
+        )
 
     def brightness_again() -> Iterator[Tensor]:
         return (band.to(dtype).amax(0) for band in banded(pixels))
@@ -100,16 +107,17 @@ def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float
         ends: Least and greatest signed radius of the visible surfaces.
 
     Raises:
-        ValueError: If a value within the mask is not finite.
+        ValueError: If a value within the mask is not finite, or beyond `BRIGHTEST`.
     """
     least, most = ends
     for color, radius, mask in zip(*map(banded, hidden), strict=True):
         where = mask.bool()
         known = radius[where]
         for name, values in (("color", color[:, where]), ("signed_radius", known)):
-            if not bool(torch.isfinite(values).all()):
+            if not bool((values.abs() <= BRIGHTEST).all()):
                 raise ValueError(
-                    f"hidden.{name} must be finite where the mask is true; leave unknown pixels out"
+                    f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is "
+                    "true; leave unknown pixels out"
                 )
         if len(known):
             least, most = min(least, float(known.min())), max(most, float(known.max()))

@@ -32,6 +32,27 @@ def test_white_stays_white_in_any_frame_at_any_radius(size: tuple[int, int], mos
             assert worst(picture, 1.0) < WHITE
 
 
+@pytest.mark.parametrize("light", [-1.0, 1e30, -1e30])
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_even_light_of_any_sign_stays_even(quality: str, light: float) -> None:
+    """Negative light, which wide colours have, was once taken for highlights in a draft."""
+    radius = spread((32, 48), 6.0)
+    o = render(torch.full((3, 32, 48), light), radius, quality=quality, left_right=True)
+    for picture in (o.render, o.left, o.right):
+        assert picture is not None
+        assert worst(picture / light, 1.0) < WHITE
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_the_brightest_pixel_that_is_taken_makes_no_sum_overflow(quality: str) -> None:
+    image = IMAGE.clone()
+    image[:, 20, 20] = 1e30
+    o = render(image, RADIUS, quality=quality, left_right=True)
+    for picture in (o.render, o.left, o.right):
+        assert picture is not None
+        assert bool(torch.isfinite(picture).all())
+
+
 @pytest.mark.parametrize(("near", "far"), [(-1.6, 0.3), (-2.5, 0.0), (-4.0, -2.5), (6.5, 8.0)])
 @pytest.mark.parametrize("size", [(9, 12), (1, 40)])
 def test_white_stays_white_where_nothing_is_much_farther_than_a_card(
@@ -145,6 +166,8 @@ WRONG: list[tuple[str, dict[str, Any]]] = [
     ("image must be", {"image": (255 * IMAGE).to(torch.uint8)}),
     ("image must hold a pixel", {"image": IMAGE[:, :0], "signed_radius": RADIUS[:0]}),
     ("image must be finite", {"image": IMAGE / 0.0}),
+    ("image must be within ±1e", {"image": IMAGE * 3e38}),
+    ("image must be within ±1e", {"image": -IMAGE * 3e38}),
     ("signed_radius must be", {"signed_radius": RADIUS.T}),
     ("signed_radius must be", {"signed_radius": RADIUS[None, None, None]}),
     ("signed_radius must be", {"image": torch.stack([IMAGE, IMAGE])}),

@@ -20,12 +20,13 @@ from image_files import (
     write_window,
 )
 
-from defocus_cli.formats.color import Color, read_color, require_finite
+from defocus_cli.formats.color import BRIGHTEST, Color, read_color, require_finite
 from defocus_cli.formats.describe import describe
 from defocus_cli.formats.exr import write_exr
 from defocus_cli.formats.exr_header import Raw
 from defocus_cli.system import arrays
 from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_core.engine import statistics
 
 SHAPE = (6, 7)
 
@@ -323,6 +324,17 @@ def test_infinite_colour_is_refused_by_name() -> None:
     pixels[2, 0, 1] = np.nan
     with pytest.raises(InputError, match=r"is NaN or infinite in 2 pixels, the first at 2,1"):
         require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
+
+
+@pytest.mark.parametrize("beyond", [3e38, -1e31])
+def test_light_too_bright_to_be_summed_is_refused(beyond: float) -> None:
+    """It made NaN in `left`, or an error of the renderer that named no file."""
+    plane = np.full((3, 4), 1e30, np.float32)
+    require_finite(Color((plane,), ("Y",), Path("a.exr")))
+    plane[2, 1] = beyond
+    with pytest.raises(InputError, match=r"beyond ±1e\+30 in 1 pixel, the first at 1,2; scale it"):
+        require_finite(Color((plane,), ("Y",), Path("a.exr")))
+    assert BRIGHTEST == statistics.BRIGHTEST
 
 
 def test_describe_reads_headers_only(tmp_path: Path) -> None:

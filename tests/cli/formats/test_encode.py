@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import header
 
 from defocus_cli.formats.color import read_color
 from defocus_cli.formats.describe import describe
-from defocus_cli.formats.encode import FORMATS, display_encoded, write_image, write_map
+from defocus_cli.formats.encode import FORMATS, display_encoded, write_image
 from defocus_cli.rendering.preview import diverging, largest, write_preview, write_signed_preview
 from defocus_cli.system.errors import InputError, UsageProblem
 from defocus_cli.system.safe_files import written_whole
@@ -143,16 +142,6 @@ def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:
     time.sleep(1.1)  # a date has seconds
     assert written() == first
     assert len(first) == len(SUFFIXES)
-
-
-def test_a_map_is_one_float_channel(tmp_path: Path) -> None:
-    radius = (picture(1)[..., 0] - 0.5) * 1e6
-    write_map(tmp_path / "a.exr", radius, "coc", attributes=ATTRIBUTES)
-    part = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).parts[0]
-    assert list(part.channels) == ["coc"]
-    np.testing.assert_array_equal(part.channels["coc"].pixels, radius)
-    assert part.channels["coc"].pixels.dtype == np.float32
-    assert part.header["defocus:focus"] == "2m"
 
 
 def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:

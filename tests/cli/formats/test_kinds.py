@@ -60,11 +60,11 @@ def test_help_has_a_line_for_each_kind() -> None:
 @pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
 def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
     radius = torch.linspace(-3, 3, 48).reshape(6, 8)
-    if not kind.rendered:
-        assert kind.compute(radius).shape == radius.shape
+    if kind.of_radius:
+        assert kind.of_radius(radius).shape == radius.shape
         return
     views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
-    assert kind.compute(views).shape[-3:] == (3 if kind.image else 1, 6, 8)
+    assert getattr(views, kind.name).shape[-3:] == (3 if kind.image else 1, 6, 8)
 
 
 def test_memory_is_counted_for_what_is_held_until_it_is_written() -> None:

@@ -37,6 +37,8 @@ depth-repair = "off"
     assert job.machine == Machine("draft", depth_repair="off", device="cpu", threads=3)
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nexr-type = "float"\n')
     assert job.outputs.exr_type == "float"
+    (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')
+    assert job.outputs.jpeg_quality == 80
 
 
 def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
@@ -95,6 +97,8 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         (FIXED + "[outputs]\nformat = [1]\n", r"\[outputs\] format: '\[1\]' is not known"),
         (FIXED + "[outputs]\nexr-type = 'double'\n", r"exr-type: 'double' is not known"),
         (FIXED + "[outputs]\nexr-type = 'half'\nformat = 'jpg'\n", r"exr-type: says nothing about"),
+        (FIXED + "[outputs]\njpeg-quality = 101\nformat = 'jpg'\n", r"101 is not .* of 1 to 100"),
+        (FIXED + "[outputs]\njpeg-quality = 80\n", r"jpeg-quality: says nothing about exr"),
         (FIXED + "[outputs]\npreview = 1\n", r"preview: 1 is neither true nor false"),
         (FIXED + "[outputs]\nout = 'o'\n", r"\[outputs\]: unknown key 'out'"),
         (

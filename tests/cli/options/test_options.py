@@ -48,6 +48,7 @@ def test_help_shows_options_under_their_headings() -> None:
         ("--quality", "best", "'draft', 'standard', 'high'"),
         ("--format", "gif", "'exr', 'png', 'png16', 'tiff', 'jpg'"),
         ("--exr-type", "double", "'half', 'float'"),
+        ("--jpeg-quality", "101", "1<=x<=100"),
         ("--device", "tpu", "'auto', 'cpu', 'cuda'"),
         ("--depth-unit", "km", ", ".join(f"'{name}'" for name in CONVENTIONS)),
         (
@@ -77,3 +78,8 @@ def test_an_unknown_value_is_usage_and_names_the_known_ones(
 def test_the_number_type_of_exr_says_nothing_about_other_files(tmp_path: Path) -> None:
     args = (*pair(tmp_path), "-o", tmp_path / "out", "--exr-type", "half")
     refused(render(*args, "--format", "jpg"), 2, "--exr-type: says nothing about jpg; leave it out")
+
+
+def test_jpeg_quality_is_refused_where_no_jpeg_is_written(tmp_path: Path) -> None:
+    args = (*pair(tmp_path), "-o", tmp_path / "out", "--jpeg-quality", "80")
+    refused(render(*args, "--format", "png"), 2, "--jpeg-quality: says nothing about png")

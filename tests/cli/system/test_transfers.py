@@ -12,17 +12,17 @@ import torch
 from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
-from defocus_cli.system.arrays import Windows, fetched, sent
+from defocus_cli.system.arrays import Windows, to_array, to_device
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
 
 
 def test_arrays_come_back_as_they_were() -> None:
-    assert np.array_equal(fetched(sent(VALUES, torch.device("cpu"))), VALUES)
+    assert np.array_equal(to_array(to_device(VALUES, torch.device("cpu"))), VALUES)
     with elsewhere():
-        gone = sent(VALUES, torch.device(NAME))
+        gone = to_device(VALUES, torch.device(NAME))
         assert np.array_equal(here(gone), VALUES)
-        assert np.array_equal(fetched(there(torch.from_numpy(VALUES))), VALUES)
+        assert np.array_equal(to_array(there(torch.from_numpy(VALUES))), VALUES)
 
 
 def test_windows_are_read_onto_the_device() -> None:
@@ -61,8 +61,8 @@ def gpu(patch: pytest.MonkeyPatch) -> Iterator[list[str]]:
 
 def test_copies_to_a_gpu_are_pinned(monkeypatch: pytest.MonkeyPatch) -> None:
     with gpu(monkeypatch) as asked:
-        gone = sent(VALUES, torch.device("cuda"))
+        gone = to_device(VALUES, torch.device("cuda"))
         assert asked == ["pinned", "to cuda, without waiting"]
-        back = fetched(gone)
+        back = to_array(gone)
     assert asked[2:] == ["pinned", "waited for"]
     assert np.array_equal(back, VALUES)

@@ -1,0 +1,70 @@
+"""What a photograph says about its camera and its author is in the pictures made of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import HEIGHT, WIDTH, depth_exr, render, texture
+from image_files import save
+
+PHOTOGRAPH = {
+    "Make": "Canon",
+    "DateTime": "2020:01:02 03:04:05",
+    "FNumber": 2.8,
+    "Exif__FocalLength": 50.0,
+    "Exif__DateTimeOriginal": "2020:01:02 03:04:05",
+    "GPS__LatitudeRef": "N",
+}
+OF_ENCODING = {"Orientation": 3, "Exif__PixelXDimension": 7, "Exif__ColorSpace": 65535}
+
+
+def tags(path: Path) -> dict[str, object]:
+    file = oiio.ImageInput.open(str(path))
+    return {attribute.name: attribute.value for attribute in file.spec().extra_attribs}
+
+
+def photograph(folder: Path, suffix: str) -> Path:
+    samples = (255 * texture(WIDTH, HEIGHT)).astype(np.uint8)
+    return save(folder / f"photo{suffix}", samples, **PHOTOGRAPH, **OF_ENCODING)
+
+
+@pytest.mark.parametrize("kept_by", ["jpg", "png", "tiff"])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
+def test_camera_and_author_are_kept(suffix: str, kept_by: str, tmp_path: Path) -> None:
+    photo, depth = photograph(tmp_path, suffix), depth_exr(tmp_path / "depth.exr")
+    known = tags(photo)
+    assert known["FNumber"] == pytest.approx(2.8), "OpenImageIO did not write it"
+    ran = render(photo, depth, "-o", tmp_path / "out", "--format", kept_by)
+    assert ran.code == 0, ran.err
+    (written,) = (tmp_path / "out" / "render").iterdir()
+    kept = tags(written)
+    for name in PHOTOGRAPH:
+        assert kept[name.replace("__", ":")] == known[name.replace("__", ":")], name
+    assert kept["Software"] == "defocus"
+    assert kept.get("Orientation", 1) == 1, "the pixels are upright, and would be turned again"
+    assert kept.get("Exif:PixelXDimension", WIDTH) == WIDTH
+    assert kept.get("Exif:ColorSpace", 1) == 1
+
+
+def test_exr_takes_no_tags_of_a_photograph(tmp_path: Path) -> None:
+    photo, depth = photograph(tmp_path, ".jpg"), depth_exr(tmp_path / "depth.exr")
+    assert render(photo, depth, "-o", tmp_path / "out").code == 0
+    assert "FNumber" not in tags(tmp_path / "out" / "render" / "photo.exr")
+
+
+def test_a_lower_jpeg_quality_makes_a_smaller_and_less_accurate_file(tmp_path: Path) -> None:
+    args = (photograph(tmp_path, ".png"), depth_exr(tmp_path / "depth.exr"), "--format", "jpg")
+    sizes, errors = [], []
+    render(*args[:2], "-o", tmp_path / "exact", "--format", "png")
+    exact = oiio.ImageBuf(str(tmp_path / "exact" / "render" / "photo.png"))
+    for quality in ((), ("--jpeg-quality", "95"), ("--jpeg-quality", "50")):
+        out = tmp_path / f"out{len(sizes)}"
+        assert render(*args, "-o", out, *quality).code == 0
+        path = out / "render" / "photo.jpg"
+        sizes.append(path.stat().st_size)
+        errors.append(oiio.ImageBufAlgo.compare(oiio.ImageBuf(str(path)), exact, 0, 0).meanerror)
+    assert sizes[0] == sizes[1] > sizes[2]
+    assert errors[0] == errors[1] < errors[2] / 1.5
