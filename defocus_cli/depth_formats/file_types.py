@@ -150,7 +150,7 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
     if values.ndim != 2:
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"has {shape} numbers, not height × width"
-        raise InputError(path, problem, "save one map a file")
+        raise InputError(path, problem, "save one map a file, or say its --depth-format")
     return values.T if row.axes.endswith("WH") else values
 
 

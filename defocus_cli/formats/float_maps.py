@@ -63,7 +63,7 @@ def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
     if values.ndim != 2:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
-        raise InputError(path, problem, "save one map a file")
+        raise InputError(path, problem, "save one map a file, or say its --depth-format")
     return FloatMap(values, "NPY")
 
 
@@ -95,7 +95,7 @@ def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
     if values.size == 0 or values.ndim < 2:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
-        raise InputError(path, problem, "save one map a file")
+        raise InputError(path, problem, "save one map a file, or say its --depth-format")
     check_size(path, values.shape[-1], values.size // values.shape[-1], values.itemsize)
     return values
 

@@ -15,6 +15,8 @@ from defocus_cli.depth_formats.file_types import read_numbers
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.samples import Samples
 from defocus_cli.depth_formats.table import ROWS
+from defocus_cli.formats.containers import container_type
+from defocus_cli.formats.exr_header import is_exr
 from defocus_cli.formats.photo_depth import is_heic, is_jpeg
 from defocus_cli.formats.png_text import png_text
 from defocus_cli.system.arrays import IN_MEMORY, bands
@@ -57,8 +59,9 @@ _EDGES, _MIXED = 50, 0.25
 
 def may_be_depth(info: FileInfo) -> bool:
     """Whether a file is an EXR, arrays, one channel, or a photograph that holds depth."""
-    lone = len(info.parts[0].channels) == 1
-    return info.path.suffix.lower() == ".exr" or lone or _has_gdepth(info.path)
+    head = read_head(info.path, 32)
+    arrays = len(info.parts[0].channels) == 1 or container_type(head) != ""
+    return is_exr(head) or arrays or _has_gdepth(info.path)
 
 
 def _has_gdepth(path: Path) -> bool:
@@ -94,7 +97,7 @@ def _of_names(path: Path, info: FileInfo) -> Iterator[str]:
     for name, patterns in _TELLING_NAMES.items():
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:
-            yield f"{hits[0]}: {_say(name)}"
+            yield f"{hits[-1]}: {_say(name)}"
     if _has_gdepth(path):
         yield f"GDepth in its XMP: {_say('android-gdepth')}"
     if is_heic(read_head(path)):
@@ -128,7 +131,8 @@ def _of_numbers(path: Path, samples: Samples) -> Iterator[str]:
             "8 bits: relative depth of a network; say --depth-range NEAR FAR, and --depth-kind "
             "disparity if bright is near, or depth if bright is far"
         )
-    if samples.type == "PFM" and samples.values.min() < 0:
+    has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
+    if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
         yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
 
 

@@ -114,9 +114,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
             values = read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
             depth = _summary(values, lens)
         except InputError as error:
-            if color is None:
+            if color is None and not has_frames:
                 raise
-            depth_note = _clause(error)  # the file is the colour of another one
+            depth_note = _clause(error)  # a picture without depth, or arrays to choose from
     maps = _maps(info, keeping)
     depth_like = may_be_depth(info) or (depth is not None and reading.says_scale)
     evidence = evidence_of(path, reading, info) if depth_like and not maps else ()
@@ -141,7 +141,10 @@ def _why_no_depth(info: FileInfo, reading: Reading) -> str:
     from defocus_cli.formats.exr_channels import choose_depth
     from defocus_cli.system.safe_files import read_head
 
-    if reading.row.channels and reading.depth_format is not None:
+    row = reading.row
+    if row.rule == "radius":
+        return "holds signed radii in px, which 'defocus render' takes as they are"
+    if reading.depth_format is not None and (row.channels or row.plane is not None):
         return ""  # the format knows its own channels
     channel = reading.depth_channel
     why, channels = _chosen(info, reading, partial(choose_depth, channel=channel), named=channel)
@@ -182,7 +185,8 @@ def _chosen(
 def _maps(info: FileInfo, keeping: Keeping) -> tuple[MapFound, ...]:
     from defocus_cli.formats.exr import read_parts
 
-    if not any(name in MAPS for part in info.parts for name, _ in part.channels):
+    is_map = any(name in MAPS for part in info.parts for name, _ in part.channels)
+    if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
         return ()
     maps = []
     for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in MAPS):

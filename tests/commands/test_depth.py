@@ -281,6 +281,9 @@ def test_signed_radii_are_used_as_they_are(tmp_path: Path) -> None:
     of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "pq"]
     np.testing.assert_allclose(of[1], of[0], atol=1e-5)
     refused(run("depth", held, "--depth-format", "coc", "-o", tmp_path / "z.exr"), 2, "no depth")
+    shown = run("info", held, "--depth-format", "coc").out
+    assert "negative nearer than the focus): -3.00 to 3.00 px" in shown
+    assert " m to " not in shown
     args = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "3,3")
     ran = run("render", color, held, "-o", tmp_path / "r", *args, "--depth-format", "coc")
     refused(ran, 2, "holds radii", "give the focus as a distance")

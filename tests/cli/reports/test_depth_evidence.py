@@ -83,6 +83,18 @@ def test_arrays_of_hdf5(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert "depth: 1 m to 4 m" in ran.out
 
 
+def test_arrays_to_choose_from_are_named_and_their_format(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_hdf5(monkeypatch)
+    arrays = {"depths": np.ones((2, 8, 6), "f4"), "rawDepths": np.ones((2, 8, 6), "f4")}
+    path = write_hdf5(tmp_path / "nyu.mat", arrays)
+    assert "nyu-mat; say --depth-format nyu-mat" in evidence(path)
+    assert "no depth: holds the arrays depths, rawDepths; choose one" in run("info", path).out
+    path = write_hdf5(tmp_path / "a.dsp5", {"disparity": np.float32(ramp())})
+    assert "spring; say --depth-format spring" in evidence(path)
+
+
 def test_8_bits_are_relative_and_few(tmp_path: Path) -> None:
     path = png(tmp_path / "a.png", ramp() * 50, np.uint8)
     told = evidence(path)
