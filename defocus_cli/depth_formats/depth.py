@@ -145,11 +145,15 @@ def resized(depth: Depth, size: tuple[int, int], keeping: Keeping) -> Depth:
     Any mean of depths is a surface that is not there.
 
     Raises:
-        InputError: the two sizes differ in their aspect by more than a pixel.
+        InputError: the two sizes differ in their aspect by more than a pixel, or the file holds
+            radii, which are px of its own size.
     """
     import numpy as np
 
     (width, height), (rows, columns) = size, depth.metres.shape
+    if depth.is_radius:
+        problem = f"holds radii in px of a picture of {columns}x{rows} px"
+        raise InputError(depth.path, problem, "give radii of the size of the colour")
     if abs(width * rows - height * columns) > max(width, height, rows, columns):
         problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
         raise InputError(depth.path, problem, "cut depth and colour to one aspect")

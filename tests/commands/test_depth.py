@@ -287,6 +287,9 @@ def test_signed_radii_are_used_as_they_are(tmp_path: Path) -> None:
     args = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "3,3")
     ran = run("render", color, held, "-o", tmp_path / "r", *args, "--depth-format", "coc")
     refused(ran, 2, "holds radii", "give the focus as a distance")
+    half = write_exr(tmp_path / "h.exr", coc=radii[::2, ::2].copy())
+    ran = render(color, half, "-o", tmp_path / "t", *said, "--resize-depth", "nearest")
+    refused(ran, 3, "holds radii in px of a picture of 12x8 px")
     held = write_exr(tmp_path / "n.exr", coc=np.full((16, 24), np.nan, np.float32))
     refused(render(color, held, "-o", tmp_path / "s", *said), 3, "is NaN or infinite in 384 pixels")
 
