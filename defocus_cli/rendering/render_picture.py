@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 # Px on a side of the least tiles that are tried where memory of a GPU runs out.
 _LEAST_TILE = 32
+# Share of the pixels of left or right from which on a warning says that they were negative.
+_MANY_CLAMPED = 0.01
 
 
 def rendered(
@@ -77,6 +79,7 @@ def rendered(
     if device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    warnings += _clamped(stream.stats)
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     done = replace(
         outcome,
@@ -87,6 +90,15 @@ def rendered(
         warnings=(*outcome.warnings, *warnings),
     )
     return Made(done, loaded.color, radius, images.planes, images.clamped)
+
+
+def _clamped(stats: Mapping[str, float]) -> list[str]:
+    """A warning if many pixels of left or right were negative."""
+    share = stats.get("pixels_clamped", 0) / stats["pixels"]
+    if share < _MANY_CLAMPED:
+        return []
+    why = "detail as fine as a pixel overshoots in half a lens"
+    return [f"left, right: below 0 in {100 * share:.0f} % of the pixels, and made 0: {why}"]
 
 
 def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = None) -> Stream:
