@@ -16,9 +16,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.exr import clamped_half, write_exr
-from defocus_cli.formats.raster import Tag
-from defocus_cli.formats.srgb_curve import linear_to_srgb, quantised
+from defocus_cli.formats.tags import Tag, set_tag
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError, UsageProblem, one_line
@@ -240,7 +240,7 @@ def _spec(
     settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
     for name, value in {**settings, "Software": "defocus"}.items():
         if isinstance(value, Tag):
-            spec.attribute(name, oiio.TypeDesc(value.type), value.value)
+            set_tag(spec, name, value)
         else:
             spec.attribute(name, value)
     return spec
