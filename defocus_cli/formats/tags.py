@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 # OpenImageIO's names; other attributes describe how the file is encoded.
@@ -14,7 +15,8 @@ _TAGS = {
 _NO_TAGS = {
     *("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote"),
 }
-_LONGEST_TAG = 4096  # characters or numbers; EXIF takes 64 KB in all
+# Of all tags, as text: JPEG has 64 KB for them, and its encoder ends the process if they are more.
+_MOST_BYTES = 2**14
 
 
 class Tag(NamedTuple):
@@ -24,20 +26,25 @@ class Tag(NamedTuple):
 
 
 def tags_of(spec: Any) -> dict[str, Tag]:
-    """The tags in an OpenImageIO ``spec``, by name."""
+    """The tags in an OpenImageIO ``spec``, by name, the shortest first, as many as fit a JPEG."""
     named = {
         attribute.name: attribute.value
         for attribute in spec.extra_attribs
         if (attribute.name in _TAGS or attribute.name.startswith(_TAG_GROUPS))
         and "rational" not in str(attribute.type)  # OpenImageIO makes floats of those of EXIF
     }
-    return {
+    tags = {
         name: Tag(_text(value) if isinstance(value, str) else value)
         for name, value in named.items()
-        if name not in _NO_TAGS
-        and isinstance(value, str | int | float | tuple)
-        and len(str(value)) <= _LONGEST_TAG
+        if name not in _NO_TAGS and isinstance(value, str | int | float | tuple)
     }
+    sizes = {name: len(str(tag.value).encode()) for name, tag in tags.items()}
+    shortest_first = sorted(tags, key=sizes.__getitem__)
+    totals = accumulate(sizes[name] for name in shortest_first)
+    fitting = [
+        name for name, total in zip(shortest_first, totals, strict=True) if total <= _MOST_BYTES
+    ]
+    return {name: tags[name] for name in fitting}
 
 
 def _text(text: str) -> str:

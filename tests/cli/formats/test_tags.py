@@ -62,6 +62,20 @@ def test_text_that_is_not_utf_8_is_taken_for_latin_1(tmp_path: Path) -> None:
     assert tags(tmp_path / "out" / "render" / "photo.jpg")["Artist"] == "J\xfcrgen"
 
 
+def test_tags_that_are_too_long_for_a_jpeg_are_left_out(tmp_path: Path) -> None:
+    """libjpeg ends the process if they are more than 64 KB."""
+    groups = ("Exif__LensModel", "Exif__UserComment", "Exif__LensMake", "Exif__BodySerialNumber")
+    long = dict.fromkeys((*groups, "ImageDescription", "Artist", "Copyright"), "é" * 10000)
+    samples = (255 * texture(WIDTH, HEIGHT)).astype(np.uint8)
+    photo = save(tmp_path / "photo.png", samples, Make="camera", **long)
+    args = (photo, depth_exr(tmp_path / "depth.exr"), "-o", tmp_path / "out")
+    ran = render(*args, "--format", "jpg")
+    assert ran.code == 0, ran.err
+    kept = tags(tmp_path / "out" / "render" / "photo.jpg")
+    assert kept["Make"] == "camera"
+    assert "Artist" not in kept
+
+
 def test_exr_takes_no_tags_of_a_photograph(tmp_path: Path) -> None:
     photo, depth = photograph(tmp_path, ".jpg"), depth_exr(tmp_path / "depth.exr")
     assert render(photo, depth, "-o", tmp_path / "out").code == 0
