@@ -17,7 +17,7 @@ from errno import ENOSPC
 import click
 
 from defocus_cli.options.types import option_name
-from defocus_cli.system.console import version
+from defocus_cli.system.console import Due, print_json, version
 from defocus_cli.system.errors import (
     Interrupted,
     UsageProblem,
@@ -98,6 +98,7 @@ def cli(ctx: click.Context) -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command line ``args`` (default: the process's own) and return the exit code."""
     args = list(sys.argv[1:] if args is None else args)
+    Due.json = "--json" in args
     try:
         with terminations():
             code = cli.main(args, prog_name="defocus", standalone_mode=False)
@@ -152,8 +153,12 @@ def _clause(error: click.ClickException) -> str:
 
 
 def _fail(line: str, code: int) -> int:
+    """Say why a command failed, on stderr and, if ``--json`` asks for a document, on stdout."""
     with suppress(OSError):
         click.echo(f"defocus: {line}", err=True)
+    if Due.json:
+        with suppress(OSError, UserError):  # nobody reads stdout, or it cannot be written
+            print_json(error={"message": line, "exit_code": code})
     return code
 
 

@@ -18,7 +18,6 @@ from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
-from defocus_core.images.tiling import TILE
 from defocus_core.images.views import Views
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
@@ -36,7 +35,6 @@ __all__ = [
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
-    "TILE",
     "Aperture",
     "Behind",
     "Check",

@@ -14,8 +14,8 @@ from importlib.util import find_spec
 from typing import Any
 
 from defocus_cli.batch import job_result
-from defocus_cli.batch.execution import Chunk, Done
 from defocus_cli.batch.job_result import failed
+from defocus_cli.batch.plan import Chunk, Done, Execute
 from defocus_cli.jobs.job import Job, Picture
 from defocus_cli.journal import identity
 from defocus_cli.journal.plain_values import plain, typed
@@ -26,11 +26,11 @@ AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
 _CONNECT = "30s"
 
 
-def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
-    """What does jobs on a scheduler; a job computes with ``threads``, or one as Dask has it.
+def execute_at(address: str, *, threads: int | None) -> Execute:
+    """An executor on a Dask scheduler; each job computes with ``threads``, or with one.
 
     Raises:
-        UsageProblem: Dask is not installed, or the address is none.
+        UsageProblem: Dask is not installed, or ``address`` is no address.
     """
     if "://" not in address:
         problem = f"'{address}' is no scheduler"
@@ -42,7 +42,7 @@ def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         import distributed
 
-        # It would tell people of each worker that dies; what becomes of the jobs we tell ourselves.
+        # Its client would log each worker that dies; the journal says what became of the jobs.
         logging.getLogger("distributed.client").setLevel(logging.ERROR)
         make_client: Any = distributed.Client  # without types
 
@@ -58,7 +58,7 @@ def execute_at(address: str, *, threads: int | None) -> Callable[..., None]:
 
 
 class _Submitted:
-    """Chunks on their way."""
+    """Chunks that are submitted to a scheduler."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class _Submitted:
         self.address = client.scheduler.address
         self.threads = threads
         self.flight: dict[Any, Chunk] = {}
-        self.suspects: Chunk = []  # jobs to do when nothing else is done
+        self.suspects: Chunk = []  # of workers that died; done one by one, after all others
         self.alone = False
 
     def run(self) -> None:
@@ -110,15 +110,15 @@ class _Submitted:
             completed.add(future)
 
     def _take(self, future: Any, chunk: Chunk) -> None:
-        """Hand on what came of a chunk."""
+        """Hand on the results of a chunk, or do its jobs one by one if its worker died."""
         if future.cancelled():  # not by us
             remedy = "start it again, and run the same command to go on"
             raise InputError(self.address, "the Dask scheduler went away", remedy)
         error = future.exception()
         if error is None:
-            told = future.result()
-            self._require_same_version(told["versions"])
-            for (number, _), result in zip(chunk, told["results"], strict=True):
+            answer = future.result()
+            self._require_same_version(answer["versions"])
+            for (number, _), result in zip(chunk, answer["results"], strict=True):
                 self.done(number, result)
         elif type(error).__name__ != "KilledWorker":
             problem = f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
@@ -140,7 +140,7 @@ class _Submitted:
 
 
 def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
-    """Do jobs of one picture, on a worker; what became of them, and by which version."""
+    """Do jobs of one picture on a worker; gives their results, and the versions there."""
     reader, results = job_result.Reader(), []
     for sent in jobs:
         job = typed(Job, sent)
@@ -155,7 +155,7 @@ def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
 
 
 def _absolute(job: Job) -> Job:
-    """The job with paths that do not depend on where we are."""
+    """The job with absolute paths."""
     return replace(
         job,
         picture=_absolute_picture(job.picture),

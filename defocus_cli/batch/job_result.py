@@ -1,8 +1,8 @@
 """One job carried out, and its result as a plain dictionary that can be sent between processes.
 
 A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
-device, quality, warnings and seconds as a record of the journal has them, paths aside: outputs are
-relative to the root, inputs have none. ``stats`` are those of the renderer. Where something was
+device, quality, warnings and seconds as a record of the journal has them, but for paths: outputs
+are relative to the root, inputs have none. ``stats`` are those of the renderer. Where something was
 raised, ``trace`` is its traceback if it was a fault, and ``error`` itself is there, for this
 process alone.
 """
@@ -19,14 +19,16 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.jobs.job import Job, lens_record
 from defocus_cli.journal import identity
 from defocus_cli.journal.reasons import Step, verdict
-from defocus_cli.rendering import job_steps
+from defocus_cli.rendering import delivery, job_steps
 
 if TYPE_CHECKING:
-    from defocus_cli.rendering.outcome import Loaded, Made
+    from defocus_cli.rendering.outcome import Loaded, Rendering
 
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
-NOTHING = dict.fromkeys(("lens", "size", "coc_px", "color_note", "depth_note", "device", "quality"))
+_NO_PICTURE = dict.fromkeys(
+    ("lens", "size", "coc_px", "color_note", "depth_note", "device", "quality")
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Computed:
     """A job that is computed."""
 
     ready: Ready
-    made: Made
+    made: Rendering
     seconds: float
 
 
@@ -60,12 +62,12 @@ class Reader:
         key = (job.picture, job.reading, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
             return replace(self._last[1], job=job, seconds=0.0)
-        self._last = None  # let go of a picture before there is another
+        self._last = None  # free a picture before the next is decoded
         start = time.perf_counter()
         stamps: dict[str, Any] = {}
         try:
             for role, path in job.picture.files.items():
-                with suppress(OSError):  # the decoder says it better
+                with suppress(OSError):  # the decoder reports it
                     stamps[role] = identity.settled_stamp(path)
             loaded = job_steps.load_inputs(job)
         except Exception as error:
@@ -91,7 +93,7 @@ def write(computed: Computed) -> Result:
     start = time.perf_counter()
     job, inputs = computed.ready.job, computed.ready.inputs
     try:
-        outcome = job_steps.write(computed.made)
+        outcome = delivery.write(computed.made)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path)}
             for name, path in job.names.items()
@@ -108,7 +110,7 @@ def write(computed: Computed) -> Result:
         "size": list(outcome.size),
         "coc_px": list(outcome.coc_px),
         "color_note": outcome.color_note,
-        "depth_note": outcome.depth_told(),
+        "depth_note": outcome.depth_words(),
         "device": outcome.device,
         "quality": outcome.quality,
         "warnings": list(outcome.warnings),
@@ -133,5 +135,5 @@ def failure(error: Exception, step: Step, inputs: Mapping[str, Any]) -> Result:
 
 def failed(status: str, reason: str, message: str, inputs: Mapping[str, Any]) -> Result:
     """The result of a job that made nothing."""
-    told = {"status": status, "reason": reason, "message": message, "inputs": dict(inputs)}
-    return {**told, "outputs": {}, **NOTHING, "warnings": [], "seconds": {}, "stats": {}}
+    ended = {"status": status, "reason": reason, "message": message, "inputs": dict(inputs)}
+    return {**ended, "outputs": {}, **_NO_PICTURE, "warnings": [], "seconds": {}, "stats": {}}

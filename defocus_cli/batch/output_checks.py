@@ -11,13 +11,15 @@ from defocus_cli.jobs.job import Job, Outputs
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import missing
 
+_NAME_BYTES = 255  # the longest name of a file on Linux
+
 
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
     """Refuse jobs that get in the way of one another or of their inputs.
 
     Raises:
-        InputError: an output is an input or another job's output, or lies where nothing can be
-            written.
+        InputError: an output is an input or another job's output, has too long a name, or lies
+            where nothing can be written.
     """
     _refuse_clashes(jobs)
     for outputs in {job.outputs for job in jobs}:
@@ -58,6 +60,11 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     twice = next((root / name for (root, name), times in count.items() if times > 1), None)
     if twice is not None:
         raise InputError(twice, "would be written twice", "rename one of the colour files")
+    for root, name in count:
+        length = len(os.fsencode(name.rpartition("/")[2]))
+        if length > _NAME_BYTES:
+            problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
+            raise InputError(root / name, problem, "give the picture a shorter name or stem")
     pictures = {job.picture for job in jobs}
     pictures |= {picture.hidden for picture in pictures if picture.hidden}
     named = {path for one in pictures for path in (one.color, one.depth)}

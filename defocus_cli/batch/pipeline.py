@@ -1,4 +1,4 @@
-"""A pipeline of three stages: read the next picture, render this one, write the last one.
+"""Jobs in this process, as a pipeline: read the next picture, render this one, write the last one.
 
 Each picture is computed while the next one is decoded and the one before is encoded, as far as
 memory allows. At most one picture waits to be computed and one to be written, whatever the number
@@ -13,15 +13,47 @@ from queue import SimpleQueue
 
 from defocus_cli.batch import job_result
 from defocus_cli.batch.job_result import Computed, Ready, Result, TileCount
+from defocus_cli.batch.plan import Chunk, Done, Execute
 from defocus_cli.jobs.job import Job
+from defocus_cli.rendering import job_steps
 from defocus_cli.rendering.memory_budget import Gate
 
-Numbered = tuple[int, Job]
-Done = Callable[[int, Result], None]
+
+def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+    """Do the jobs of a batch in this process."""
+    job_steps.load()
+    run(_jobs(chunks, stopped), done, stopped=stopped)
+
+
+def execute_alone(progress: TileCount | None) -> Execute:
+    """An executor of a lone job, which raises the error that ends the job.
+
+    Args:
+        progress: called with (tiles done, tiles in all) while it renders.
+    """
+
+    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        def done_or_raised(number: int, result: Result) -> None:
+            if "error" in result:
+                raise result["error"]
+            done(number, result)
+
+        job_steps.load()
+        run(_jobs(chunks, stopped), done_or_raised, progress, stopped)
+
+    return execute
+
+
+def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:
+    for chunk in chunks:
+        for numbered in chunk:
+            if stopped():
+                return
+            yield numbered
 
 
 def run(
-    jobs: Iterable[Numbered],
+    jobs: Iterable[tuple[int, Job]],
     done: Done,
     progress: TileCount | None = None,
     stopped: Callable[[], bool] = lambda: False,
@@ -56,7 +88,7 @@ def run(
 class _Ahead:
     """Jobs whose inputs are decoded, one of them before it is asked for."""
 
-    def __init__(self, jobs: Iterable[Numbered], gate: Gate) -> None:
+    def __init__(self, jobs: Iterable[tuple[int, Job]], gate: Gate) -> None:
         self._jobs, self._gate = jobs, gate
         self._room = threading.Semaphore(1)
         self._queue: SimpleQueue[tuple[int, Ready] | BaseException | None] = SimpleQueue()

@@ -1,17 +1,46 @@
-"""The plan of a batch: jobs that are done already, and jobs that are left to do."""
+"""The plan of a batch: how its jobs are done, which are done already, and which are left to do."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_cli.batch.execution import How
+from defocus_cli.batch.job_result import Result
 from defocus_cli.batch.output_checks import refuse_misplaced, refuse_unknown
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
 from defocus_cli.journal.journal import Record, Shard, read_all
 from defocus_cli.journal.ledger import Ledger
+
+Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
+Done = Callable[[int, Result], None]
+Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How a batch is to be carried out.
+
+    Attributes:
+        execute: does jobs; called with chunks of them, with the function to call with the number
+            and result of each job, and with the function that tells that no further job is to be
+            begun.
+        shard: which part of the batch; None for all of it.
+        limit: at most so many jobs.
+        fail_fast: stop at the first job that fails.
+        read_inputs: compare the bytes of inputs, not only their size and time.
+        again: do jobs whatever the journal says of them.
+        spread: over how many workers the jobs of one picture are to be spread.
+    """
+
+    execute: Execute
+    shard: Shard | None = None
+    limit: int | None = None
+    fail_fast: bool = False
+    read_inputs: bool = False
+    again: bool = False
+    spread: int = 1
 
 
 @dataclass(frozen=True)
@@ -25,9 +54,10 @@ class Plan:
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.
-        again: how many of those to do, now or later, have a record that theirs will replace.
-        replaced: by number in ``todo``, records of which a job replaces some files and not all.
-        left: files that runs which did not end were about to write, and that no journal knows.
+        files: the outputs of each job to do, now or later, relative to OUT.
+        previews: by number in ``todo``, path and stamp of previews of the pictures that a job
+            replaces without a preview of its own.
+        unknown: files that runs which did not end have written, and that no journal knows.
     """
 
     todo: list[tuple[Job, str]]
@@ -35,12 +65,12 @@ class Plan:
     moved: list[Record]
     beyond: int
     changed: int
-    again: int
-    replaced: dict[int, list[Record]]
-    left: frozenset[str]
+    files: list[list[str]]
+    previews: dict[int, dict[str, identity.Stamp]]
+    unknown: set[str]
 
 
-def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
+def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Sort the jobs of a batch into those that are done and those that are to do.
 
     Raises:
@@ -50,28 +80,31 @@ def make_plan(jobs: Sequence[Job], out: Path, how: How) -> Plan:
     ledger = Ledger(out, read_all(out))
     todo: list[tuple[Job, str]] = []
     settled: list[tuple[Job, Record]] = []
-    changed = again = 0
-    forced = how.again or any(job.outputs.overwrite for job in jobs)
-    for job in jobs if how.shard is None else _part(jobs, how.shard):
+    changed = 0
+    forced = execution.again or any(job.outputs.overwrite for job in jobs)
+    for job in jobs if execution.shard is None else _part(jobs, execution.shard):
         recipe = identity.recipe(job)
         record = None
         if not forced:
-            record = ledger.settled(job, recipe=recipe, read_inputs=how.read_inputs)
+            record = ledger.settled(job, recipe=recipe, read_inputs=execution.read_inputs)
         if record is not None:
             settled.append((job, record))
             continue
         todo.append((job, recipe))
-        again += ledger.knows(job)
         changed += not forced and any(name in ledger.files for name in job.names.values())
     moved = [record for _, record in settled if not ledger.has(record)]
-    now = todo if how.limit is None else todo[: how.limit]
-    ledger.refuse_other_pictures(job for job, _ in now)
-    refuse_unknown([job for job, _ in now], ledger.files | run_file.begun(out))
-    begun = run_file.begun(out, how.shard) - ledger.files
-    left = frozenset(name for name in begun if (out / name).exists())
-    parts = ((number, ledger.replaced(job)) for number, (job, _) in enumerate(now))
-    replaced = {number: records for number, records in parts if records}
-    return Plan(now, settled, moved, len(todo) - len(now), changed, again, replaced, left)
+    now = todo if execution.limit is None else todo[: execution.limit]
+    ledger.refuse_other_pictures(job for job, _ in todo)
+    refuse_unknown([job for job, _ in todo], ledger.files | run_file.planned_files(out))
+    planned = run_file.planned_files(out, execution.shard) - ledger.files
+    unknown = {name for name in planned if (out / name).exists()}
+    previews = {
+        number: stamps
+        for number, (job, _) in enumerate(now)
+        if (stamps := ledger.previews_replaced(job))
+    }
+    files = [list(job.names.values()) for job, _ in todo]
+    return Plan(now, settled, moved, len(todo) - len(now), changed, files, previews, unknown)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:

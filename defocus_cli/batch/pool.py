@@ -12,12 +12,13 @@ import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.batch import worker
-from defocus_cli.batch.execution import Chunk, Done
 from defocus_cli.batch.job_result import failed
+from defocus_cli.batch.plan import Chunk, Done, Execute
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal.run_file import sweep_up_after
 from defocus_cli.system.errors import InputError
@@ -27,17 +28,17 @@ if TYPE_CHECKING:
 
 Serve = Callable[[Connection], None]
 STRIKES = 3
-AT_ONCE = 3  # jobs of a process: one is read, one rendered and one written
-_STILLBORN = 3  # processes that may die before they are ready
+AT_ONCE = 3  # fewer jobs make a process wait: one is read, one rendered and one written
+_FAILED_STARTS = 3  # processes that may die before they are ready
 _GRACE = 10.0  # seconds to end in
-_GLANCE = 0.1  # seconds after which it is seen that all is to stop
+_GLANCE = 0.1  # seconds between two looks at whether all is to stop
 
 
 class Pool:
     """Processes that do jobs.
 
     Args:
-        processes: how many.
+        processes: the number of processes.
         chunks: jobs, in chunks of one picture.
         done: called with number and result of each.
         stopped: whether no further job is to be begun.
@@ -55,10 +56,10 @@ class Pool:
         self.serve = serve
         self.processes, self.chunks, self.done, self.stopped = processes, chunks, done, stopped
         self.workers: list[_Worker] = []
+        self.returned: deque[Chunk] = deque()  # of workers that died when they started
         self.suspects: deque[tuple[int, Job]] = deque()
         self.strikes: Counter[int] = Counter()
-        self.waiting: deque[Chunk] = deque()
-        self.stillborn = 0
+        self.failed_starts = 0
 
     def run(self) -> None:
         """Do all jobs, or until stopped.
@@ -68,64 +69,50 @@ class Pool:
             Exception: what ``done`` raised.
         """
         try:
-            self._hire()
+            self._start_workers()
             while self.workers:
                 for each in self.workers:
-                    self._feed(each)
-                for each in [each for each in self.workers if self._is_idle(each)]:
-                    each.dismiss()
+                    self._send_jobs(each)
+                for each in [each for each in self.workers if self._is_over(each)]:
+                    each.finish()
                     self.workers.remove(each)
-                self._listen()
-                self._hire()
+                self._receive()
+                self._start_workers()
         finally:
             for each in self.workers:
                 each.kill()
 
-    def _hire(self) -> None:
-        """As many processes as there is work for."""
-        while len(self.workers) < self.processes and (self._peek() or self._has_free_suspects()):
-            chunk = self.waiting.popleft() if self._peek() else []
+    def _start_workers(self) -> None:
+        """Start as many processes as there is work for, each with a chunk of its own."""
+        while len(self.workers) < self.processes and not self.stopped():
+            without_jobs = sum(not each.flight for each in self.workers)
+            chunk = [] if len(self.suspects) > without_jobs else self._next_chunk()
+            if chunk is None:
+                return
             self.workers.append(_Worker(self.serve, chunk))
 
-    def _has_free_suspects(self) -> bool:
-        unready = sum(not each.flight for each in self.workers)
-        return len(self.suspects) > unready and not self.stopped()
+    def _next_chunk(self) -> Chunk | None:
+        """Jobs that no worker has; None if there are no more."""
+        return self.returned.popleft() if self.returned else next(self.chunks, None)
 
-    def _peek(self) -> bool:
-        """Whether there is another chunk."""
+    def _send_jobs(self, each: _Worker) -> None:
+        """Send a worker the jobs that it can take."""
         if self.stopped():
-            self.waiting.clear()
-            return False
-        if not self.waiting:
-            self.waiting.extend(chunk for chunk in (next(self.chunks, None),) if chunk)
-        return bool(self.waiting)
-
-    def _feed(self, each: _Worker) -> None:
-        """Give a process what it can take."""
-        if self.stopped():
-            each.chunk.clear()
             self.suspects.clear()
             each.stop()
-        if not each.ready or each.alone or each.told_to_stop:
-            return
-        if self.suspects and not each.flight:
-            each.alone = True
-            each.send(self.suspects.popleft())
-            return
-        while len(each.flight) < AT_ONCE and not self.suspects:
-            if not each.chunk:
-                if not self._peek():
-                    return
-                each.chunk.extend(self.waiting.popleft())
-            each.send(each.chunk.popleft())
+        elif self.suspects:
+            if each.ready and not each.flight:
+                each.alone = True
+                each.send([self.suspects.popleft()])
+        elif each.ready and not each.alone and len(each.flight) < AT_ONCE:
+            each.send(self._next_chunk() or [])
 
-    def _is_idle(self, each: _Worker) -> bool:
-        """Whether a process that was given what there is has nothing to do."""
-        waits = each.ready or self.stopped()
-        return waits and not each.flight and not each.chunk
+    def _is_over(self, each: _Worker) -> bool:
+        """Whether a worker has nothing to do; before it is ready, it has begun nothing."""
+        return not each.flight if each.ready else self.stopped()
 
-    def _listen(self) -> None:
-        """Wait until a process says something or dies."""
+    def _receive(self) -> None:
+        """Wait until a worker sends a result or dies."""
         if not self.workers:
             return
         handles: dict[Any, _Worker] = {each.connection: each for each in self.workers}
@@ -133,32 +120,33 @@ class Pool:
         for each in dict.fromkeys(handles[handle] for handle in wait(list(handles), _GLANCE)):
             try:
                 while each.connection.poll():
-                    self._hear(each, each.connection.recv())
+                    self._handle(each, each.connection.recv())
             except (EOFError, OSError):
-                self._bury(each)
+                self._replace(each)
 
-    def _hear(self, each: _Worker, said: Any) -> None:
+    def _handle(self, each: _Worker, said: Any) -> None:
         if said == worker.READY:
-            each.ready, self.stillborn = True, 0
+            each.ready, self.failed_starts = True, 0
             return
         number, result = said
         if each.flight.pop(number, None) is not None:
             each.alone = False
             self.done(number, result)
 
-    def _bury(self, each: _Worker) -> None:
-        """A process has died: what it had is done again, each by itself."""
+    def _replace(self, each: _Worker) -> None:
+        """A worker has died: jobs that it may have begun are done again, each by itself."""
         self.workers.remove(each)
         each.kill()
-        if each.told_to_stop:  # and let go of what it had not begun
+        if each.stopping:  # and let go of what it had not begun
             return
         if not each.ready:
-            self.stillborn += 1
-            if self.stillborn >= _STILLBORN:
+            self.failed_starts += 1
+            if self.failed_starts >= _FAILED_STARTS:
                 problem = f"die when they start (exit code {each.process.exitcode})"
                 raise InputError("worker processes", problem, "see if 'defocus render' works")
-        if each.chunk:
-            self.waiting.appendleft(list(each.chunk))
+            if each.flight:
+                self.returned.append(list(each.flight.items()))
+            return
         for number, job in each.flight.items():
             self.strikes[number] += 1
             if self.strikes[number] < STRIKES:
@@ -169,7 +157,7 @@ class Pool:
 
 
 class _Worker:
-    """A process, what it has been given, and what it is to be given next."""
+    """A process, and the jobs that it has; the first of them wait until it has started."""
 
     def __init__(self, serve: Serve, chunk: Chunk) -> None:
         context = multiprocessing.get_context("spawn")
@@ -180,29 +168,30 @@ class _Worker:
         with _without_interrupts():
             self.process.start()
         theirs.close()
-        self.chunk = deque(chunk)
         self.flight: dict[int, Job] = {}
         self.ready = False
         self.alone = False
-        self.told_to_stop = False
+        self.stopping = False
+        self.send(chunk)
 
-    def send(self, numbered: tuple[int, Job]) -> None:
-        """Give it a job."""
-        self.flight[numbered[0]] = numbered[1]
-        with suppress(OSError):  # it is dead, as we shall hear
-            self.connection.send(numbered)
+    def send(self, chunk: Chunk) -> None:
+        """Give it jobs."""
+        self.flight |= dict(chunk)
+        with suppress(OSError):  # it is dead, which `_receive` sees
+            for numbered in chunk:
+                self.connection.send(numbered)
 
     def stop(self) -> None:
-        """Let it end after what it has begun."""
-        if self.ready and not self.told_to_stop:
-            self.told_to_stop = True
+        """Let it end after the jobs that it has begun."""
+        if not self.stopping:
+            self.stopping = True
             with suppress(OSError):
                 self.connection.send(None)
 
-    def dismiss(self) -> None:
+    def finish(self) -> None:
         """Let it end, as it has nothing to do."""
-        self.stop()
         if self.ready:
+            self.stop()
             self.process.join(_GRACE)
         self.kill()
 
@@ -216,8 +205,8 @@ class _Worker:
             sweep_up_after(self.process.pid, files)
 
 
-def execute_in(processes: int) -> Callable[..., None]:
-    """What does jobs in so many processes."""
+def execute_in(processes: int) -> Execute:
+    """An executor of jobs in so many processes."""
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         Pool(processes, chunks, done, stopped).run()
@@ -236,9 +225,7 @@ def _death(code: int | None, times: int) -> str:
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
     """Processes started in the block never hear Ctrl-C, which is the coordinator's affair."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
+    resource_tracker.ensure_running()  # else the first process starts it, which unblocks SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -14,16 +14,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from defocus_cli.batch.execution import Chunk, How
 from defocus_cli.batch.job_result import Result
 from defocus_cli.batch.output_checks import refuse_unwritable
-from defocus_cli.batch.plan import Plan, make_plan
-from defocus_cli.batch.superseded_files import Remains
+from defocus_cli.batch.plan import Chunk, Execution, Plan, make_plan
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity, run_file
-from defocus_cli.journal.journal import Journal, Record, input_path, journal_path
+from defocus_cli.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_cli.journal.lock import Check, LockLost, locked
-from defocus_cli.journal.run_file import Undertaking
+from defocus_cli.journal.run_file import RunPlan
 from defocus_cli.system import console
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.interrupts import Interrupts
@@ -37,7 +35,7 @@ class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
 
 
 class Listener(Protocol):
-    """What hears how a batch goes."""
+    """Receives the events of a batch."""
 
     def planned(self, plan: Plan) -> None:
         """Before the first job is done."""
@@ -48,7 +46,7 @@ class Listener(Protocol):
 
 @dataclass
 class Summary:
-    """What came of a batch: jobs by status, those done before aside."""
+    """The result of a batch: jobs by status, without those that were done before."""
 
     jobs: int
     skipped: int
@@ -60,7 +58,7 @@ class Summary:
     interrupted: bool = False
 
 
-def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> Summary:
+def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
     """Do jobs that write to OUT.
 
     Raises:
@@ -81,8 +79,8 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
     except OSError as error:
         raise unwritable(out, error) from error
     try:
-        with locked(out, how.shard, say=console.say) as require_lock:
-            return _carried_out(jobs, out, how, listener, require_lock)
+        with locked(out, execution.shard, say=console.say) as require_lock:
+            return _carried_out(jobs, out, execution, listener, require_lock)
     finally:
         for folder in new:
             with suppress(OSError):  # something was written to it, or it was never made
@@ -90,118 +88,113 @@ def carry_out(jobs: Sequence[Job], out: Path, how: How, listener: Listener) -> S
 
 
 def _carried_out(
-    jobs: Sequence[Job], out: Path, how: How, listener: Listener, require_lock: Check
+    jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
 ) -> Summary:
-    if how.shard is None:  # else others write here
+    if execution.shard is None:  # else others write here
         run_file.sweep_up(out)
-    plan = make_plan(jobs, out, how)
+    plan = make_plan(jobs, out, execution)
     listener.planned(plan)
     settled = len(plan.settled)
     plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
     summary = Summary(settled + left, settled, left)
-    path = run_file.run_path(out, how.shard)
+    path = run_file.run_path(out, execution.shard)
     if plan.moved:
-        with Journal(journal_path(out, how.shard)) as journal:
+        with Journal(journal_path(out, execution.shard)) as journal:
             for record in plan.moved:
                 journal.append(record)
         plan.moved.clear()
     if not plan.todo:
-        if not plan.left:
+        if not plan.unknown and not execution.again:
             path.unlink(missing_ok=True)
         return summary
-    others = run_file.left(out) if how.again else 0  # what a batch that was stopped has left
-    begun = {"jobs": summary.jobs, "left": left + others, "again": plan.again, "begun": _now()}
+    earlier = run_file.plan_of(out) if execution.again else None
+    others = earlier.left(read_all(out)) if earlier else []  # jobs that a stopped batch has left
+    own = {name for files in plan.files for name in files}
+    others = [files for files in others if own.isdisjoint(files)]
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        run = Undertaking(path, begun, plan.left, others=others)
-        if how.shard is None and not how.again:
-            run_file.take_over(out)
+        RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)
+        plan.files.clear()
+        if execution.shard is None and not execution.again:
+            run_file.forget_shards(out)
         try:
-            with Journal(journal_path(out, how.shard)) as journal:
-                batch = _Batch(plan, out, how, listener, run, journal, summary, interrupts)
-                batch.do(require_lock)
+            with Journal(journal_path(out, execution.shard)) as journal:
+                _Batch(
+                    plan, out, execution, listener, journal, summary, interrupts, require_lock
+                ).do()
             require_lock()
-        except LockLost:  # the note of the run is another's by now
+        except LockLost:  # the plan of the run is another's by now
             raise
         except BaseException:
-            run.end(done=len(jobs) == 1)
+            if len(jobs) == 1 and not plan.unknown and not others:
+                path.unlink(missing_ok=True)
             raise
-        if how.shard is None:
+        if execution.shard is None:
             run_file.sweep_up(out)
-        run.end(done=summary.left == 0, settled=True)
+        if not summary.left and not plan.unknown and not others:
+            path.unlink(missing_ok=True)
     summary.interrupted = interrupts.asked
     return summary
 
 
+@dataclass
 class _Batch:
     """Jobs being done."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        out: Path,
-        how: How,
-        listener: Listener,
-        run: Undertaking,
-        journal: Journal,
-        summary: Summary,
-        interrupts: Interrupts,
-    ) -> None:
-        self.plan, self.out, self.how, self.listener = plan, out, how, listener
-        self.run, self.journal, self.summary, self.interrupts = run, journal, summary, interrupts
-        self.remains = Remains(out)
-        self.stopping = False
+    plan: Plan
+    out: Path
+    execution: Execution
+    listener: Listener
+    journal: Journal
+    summary: Summary
+    interrupts: Interrupts
+    require_lock: Check
+    stopping: bool = False
 
-    def do(self, require_lock: Check) -> None:
-        """Do all, or as many as the user and the disk let us."""
+    def do(self) -> None:
+        """Do all jobs, or those until the user or a full disk stops the batch."""
         start = time.perf_counter()
-
-        def done(number: int, result: Result) -> None:
-            require_lock()
-            self.done(number, result)
-
         try:
-            self.how.execute(self.chunks(), done, self.stopped)
+            self.execution.execute(self.chunks(), self.done, self.stopped)
         finally:
             self.summary.seconds = time.perf_counter() - start
-            for line in self.remains.lines():
-                console.say(line)
 
     def stopped(self) -> bool:
         """Whether no further job is to be begun."""
         return self.stopping or self.interrupts.asked
 
     def chunks(self) -> Iterator[Chunk]:
-        """Jobs of one picture at a time; asked for one, we say that its files will be written."""
-        for chunk in _chunks(self.plan.todo, self.how.spread):
+        """Jobs of one picture at a time."""
+        for chunk in _chunks(self.plan.todo, self.execution.spread):
             if self.stopped():
                 return
-            self.run.begin(name for _, job in chunk for name in job.names.values())
             yield chunk
 
     def done(self, number: int, result: Result) -> None:
-        """Write down what became of a job."""
-        job = self.plan.todo[number][0]
-        if result["reason"] == "no-space":  # nobody else will find any
+        """Write the record of a job."""
+        self.require_lock()
+        job, recipe = self.plan.todo[number]
+        if result["reason"] == "no-space":  # no other job will find space
             raise NoSpace(*result["message"].split(": ", 1))
-        record = record_of(job, self.plan.todo[number][1], self.out, result)
-        if result["status"] == "ok":
-            self.remains.beside(record, self.plan.replaced.pop(number, ()))
+        record = record_of(job, recipe, self.out, result)
         self.journal.append(record)
         if result["status"] == "ok":
-            self.run.known(job.names.values())
+            self.plan.unknown.difference_update(job.names.values())
+            for path, stamp in self.plan.previews.pop(number, {}).items():
+                if identity.unchanged(self.out / path, stamp):
+                    (self.out / path).unlink()
         self.summary.left -= 1
         self.summary.statuses[result["status"]] += 1
         self.summary.warned += bool(result["warnings"])
         if result["reason"]:
             self.summary.reasons[result["reason"]] += 1
-        if result["status"] == "failed" and self.how.fail_fast:
+        if result["status"] == "failed" and self.execution.fail_fast:
             self.stopping = True
         self.listener.ended(job, record, result)
 
 
 def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
-    """What the journal says of a job."""
+    """The record of a job for the journal."""
     places = {role: input_path(path, out) for role, path in job.picture.files.items()}
     inputs = {
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()

@@ -1,4 +1,4 @@
-"""Whether rendering got slower since a stored run of ``defocus bench --time --json > FILE``.
+"""Comparison with a stored run of ``defocus bench --time --json > FILE``, to find slower cases.
 
 What is compared is the cost in transforms measured beside each rendering, not in seconds: the
 stored run may be of another machine, or of this one when it was busy.
@@ -16,7 +16,7 @@ from defocus_cli.system.errors import InputError, reason
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from defocus_cli.bench.timing import Case, Timing
+    from defocus_cli.bench.timing import Case, Cost
 
 TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
 
@@ -26,10 +26,10 @@ class Baseline:
     """A stored run.
 
     Attributes:
-        path: of the file.
-        threads: it was measured with.
-        device: it was measured on.
-        fft_units: of each case by name.
+        path: its file.
+        threads: number of threads that it was measured with.
+        device: device that it was measured on.
+        fft_units: cost of each case, by name.
     """
 
     path: Path
@@ -51,28 +51,31 @@ class Baseline:
             problem = "holds none of the cases asked for"
             raise InputError(self.path, problem, "ask for the same sizes, radii and qualities")
 
-    def compare(self, timings: Sequence[Timing]) -> list[dict[str, Any]]:
+    def compare(self, costs: Mapping[Case, Cost]) -> list[dict[str, Any]]:
         """The ratio, new to stored, of each case that both have; the slowest first."""
-        found = []
-        for timing in timings:
-            stored = self.fft_units.get(timing.case.name)
-            if stored is not None:
-                now = timing.cost.fft_units
-                names = {"case": timing.case.name, "fft_units": now, "stored": stored}
-                found.append({**names, "ratio": now / stored})
-        return sorted(found, key=lambda each: -float(each["ratio"]))
-
-    def slower(self, timings: Sequence[Timing]) -> list[dict[str, Any]]:
-        """The cases whose ratio exceeds 1 by more than the tolerance, the slowest first."""
-        return [each for each in self.compare(timings) if each["ratio"] > 1 + TOLERANCE]
-
-    def confirmed(self, timings: Sequence[Timing], again: Callable[[Case], Timing]) -> list[Timing]:
-        """Time slower cases once more, and keep the faster: a busy machine is not slow twice."""
-        names = {each["case"] for each in self.slower(timings)}
-        return [
-            faster(timing, again(timing.case)) if timing.case.name in names else timing
-            for timing in timings
+        units = {case.name: cost.fft_units for case, cost in costs.items()}
+        compared = [
+            {"case": name, "fft_units": units[name], "stored": old, "ratio": units[name] / old}
+            for name, old in self.fft_units.items()
+            if name in units
         ]
+        return sorted(compared, key=lambda each: -float(each["ratio"]))
+
+    def confirmed(
+        self, costs: Mapping[Case, Cost], again: Callable[[Case], Cost]
+    ) -> dict[Case, Cost]:
+        """Time slower cases once more, and keep the faster: a busy machine is not slow twice."""
+        names = {each["case"] for each in slower(self.compare(costs))}
+        retimed = {case: again(case) for case in costs if case.name in names}
+        return {
+            case: min(cost, retimed.get(case, cost), key=lambda each: each.fft_units)
+            for case, cost in costs.items()
+        }
+
+
+def slower(compared: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The cases whose ratio exceeds 1 by more than the tolerance, in their order."""
+    return [each for each in compared if each["ratio"] > 1 + TOLERANCE]
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -83,7 +86,7 @@ def read_baseline(path: Path) -> Baseline:
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}
+        fft_units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}
         threads, device = int(document["threads"]), str(document["device"])
     except OSError as error:
         raise InputError(path, f"cannot be read: {reason(error)}", "check the path") from error
@@ -92,11 +95,6 @@ def read_baseline(path: Path) -> Baseline:
         raise InputError(
             path, problem, "make one with: defocus bench --time --json > FILE"
         ) from None
-    if not all(value > 0 for value in units.values()):
+    if not all(value > 0 for value in fft_units.values()):
         raise InputError(path, "holds a time that is not positive", "store a new run")
-    return Baseline(path, threads, device, units)
-
-
-def faster(first: Timing, second: Timing) -> Timing:
-    """The timing of fewer transforms, of two of one case."""
-    return min(first, second, key=lambda timing: timing.cost.fft_units)
+    return Baseline(path, threads, device, fft_units)

@@ -27,11 +27,11 @@ class Row:
     """One shot by one method.
 
     Attributes:
-        scene: name.
-        shot: name.
-        method: a quality or a baseline.
-        errors: against the truth.
-        cost: of the rendering alone.
+        scene: name of the scene.
+        shot: name of the shot.
+        method: a quality or a baseline method.
+        errors: errors against the truth.
+        cost: cost of the rendering alone.
     """
 
     scene: str
@@ -42,12 +42,7 @@ class Row:
 
 
 def measure_shot(
-    shot: Shot,
-    pictures: Pictures,
-    methods: Sequence[str],
-    *,
-    device: str,
-    threads: int,
+    shot: Shot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
 ) -> Iterator[Row]:
     """One row for each method, when it is done.
 
@@ -81,10 +76,9 @@ def _work(
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
     if method == "input":
         return lambda: sharp
-    if method == "sum":
-        return lambda: baselines.plain_sum(sharp, radius, aperture=aperture, threads=threads)
-    if method == "over":
-        return lambda: baselines.over(sharp, radius, aperture=aperture, threads=threads)
+    if method in BASELINES:
+        layered = {"sum": baselines.plain_sum, "over": baselines.over}[method]
+        return lambda: layered(sharp, radius, aperture=aperture, threads=threads)
     height, width = radius.shape
     infinity = radius_at_infinity(shot.lens, (width, height))
     return lambda: (

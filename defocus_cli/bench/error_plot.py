@@ -83,13 +83,13 @@ def _draw_shots(axes: Any, rows: Sequence[Row]) -> None:
         )
 
 
-def _draw_means(axes: Any, found: Sequence[dict[str, Any]]) -> None:
+def _draw_means(axes: Any, method_means: Sequence[dict[str, Any]]) -> None:
     """Means: a line through the qualities, one mark for each baseline, a level for the input."""
-    by_method = {mean["method"]: mean for mean in found}
+    by_method = {mean["method"]: mean for mean in method_means}
     line = [by_method[name] for name in QUALITIES if name in by_method]
     times, values = [m["fft_units"] for m in line], [m["psnr"] for m in line]
     axes.plot(times, values, "-D", color="black", markersize=8, label="means of the qualities")
-    for mean in found:
+    for mean in method_means:
         name, at = mean["method"], (mean["fft_units"], mean["psnr"])
         if name == "input":
             axes.axhline(at[1], linestyle="--", color=_COLORS[name], label=BASELINES[name])

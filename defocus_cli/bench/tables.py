@@ -1,7 +1,7 @@
 """Tables and JSON records of errors and times, their means and regressions.
 
 A regression is a shot on which `standard` is worse than a baseline by more than truth in half
-floats can tell: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
+floats can show: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
 """
 
 from __future__ import annotations
@@ -16,20 +16,25 @@ from defocus_cli.bench.error import BASELINES
 
 if TYPE_CHECKING:
     from defocus_cli.bench.error import Row
-    from defocus_cli.bench.timing import Timing
+    from defocus_cli.bench.timing import Case, Cost
 
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
 _LEAST_DB, _LEAST_SSIM, _LEAST_SHARE = 0.1, 0.001, 0.01
 # Relative RMSE of rounding to half, which truth and input have both.
 _ROUNDING = 1.4e-4
-_DECIMALS = {
-    **{"psnr": 2, "psnr_edges": 2, "psnr_elsewhere": 2, "rel_rmse": 5, "ssim": 5, "p999": 4},
-    **{"seconds": 3, "fft_units": 1, "peak_mb": 0},
+# Title, width and decimals of each column of numbers.
+_COLUMNS = {
+    "psnr": ("PSNR", 7, 2),
+    "psnr_edges": ("edges", 7, 2),
+    "psnr_elsewhere": ("other", 7, 2),
+    "rel_rmse": ("relRMSE", 9, 5),
+    "ssim": ("SSIM", 9, 5),
+    "p999": ("p999", 9, 4),
+    "seconds": ("seconds", 9, 3),
+    "fft_units": ("FFTs", 9, 1),
+    "peak_mb": ("MB", 7, 0),
 }
-_WIDTHS = {"psnr": 7, "psnr_edges": 7, "psnr_elsewhere": 7, "peak_mb": 7}
-_TITLES = {"psnr": "PSNR", "psnr_edges": "edges", "psnr_elsewhere": "other", "rel_rmse": "relRMSE"}
-_TITLES |= {"ssim": "SSIM", "fft_units": "FFTs", "peak_mb": "MB"}
 
 
 def record(row: Row) -> dict[str, Any]:
@@ -41,31 +46,31 @@ def record(row: Row) -> dict[str, Any]:
 def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """For each method the means over all shots, each PSNR capped at 50 dB.
 
-    Shots that all methods get right, as a white picture, tell nothing and are left out; unless
-    there is nothing else. Memory is the most of any shot.
+    Shots that every method renders right, like a white picture, are left out unless there are no
+    others. Memory is the maximum over the shots.
     """
     records = [record(row) for row in rows]
-    told = {(r["scene"], r["shot"]) for r in records if r["psnr"] < 90}
-    records = [r for r in records if not told or (r["scene"], r["shot"]) in told]
-    found = []
+    hard = {(r["scene"], r["shot"]) for r in records if r["psnr"] < 90}
+    records = [r for r in records if not hard or (r["scene"], r["shot"]) in hard]
+    averages = []
     for method in dict.fromkeys(r["method"] for r in records):
         own = [r for r in records if r["method"] == method]
         mean: dict[str, Any] = {"method": method, "shots": len(own)}
-        for name in _DECIMALS:
+        for name in _COLUMNS:
             values = [r[name] for r in own if r[name] is not None]
             if name.startswith("psnr"):
                 values = [min(value, CAP) for value in values]
             gather = max if name == "peak_mb" else fmean
             mean[name] = gather(values) if values else None
-        found.append(mean)
-    return found
+        averages.append(mean)
+    return averages
 
 
 def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """What the standard quality loses on a shot to each baseline in `rows`; none for others."""
+    """Losses of a row of the standard quality to each baseline in `rows`; none for other rows."""
     if row.method != JUDGED:
         return []
-    found = []
+    lost_to = []
     for other in rows:
         if (other.scene, other.shot) != (row.scene, row.shot) or other.method not in BASELINES:
             continue
@@ -79,26 +84,26 @@ def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
         lost = {name: value for name, (value, least) in by.items() if value > least}
         if lost:
             where = {"scene": row.scene, "shot": row.shot, "baseline": other.method}
-            found.append({**where, "lost": lost, "share": excess / max(best.rel_rmse, 1e-12)})
-    return found
+            lost_to.append({**where, "lost": lost, "share": excess / max(best.rel_rmse, 1e-12)})
+    return lost_to
 
 
 def regressions(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Where the standard quality is worse than a baseline, and by how much, the worst first."""
-    found = [loss for row in rows for loss in losses(row, rows)]
-    return sorted(found, key=lambda loss: -float(loss["lost"].get("psnr", 0.0)))
+    every = (loss for row in rows for loss in losses(row, rows))
+    return sorted(every, key=lambda loss: -float(loss["lost"].get("psnr", 0.0)))
 
 
 def error_document(rows: Sequence[Row]) -> dict[str, Any]:
     """All rows, means and regressions, for JSON."""
-    found = {"means": means(rows), "regressions": regressions(rows)}
-    return {"rows": [record(row) for row in rows], **found}
+    records = [record(row) for row in rows]
+    return {"rows": records, "means": means(rows), "regressions": regressions(rows)}
 
 
 def error_heading() -> str:
     """The titles of the columns of errors."""
-    titles = (f"{_TITLES.get(name, name):>{_WIDTHS.get(name, 9)}}" for name in _DECIMALS)
-    return f"{'scene':<10}{'shot':<8}{'method':<9}" + "".join(titles)
+    titles = "".join(f"{title:>{width}}" for title, width, _ in _COLUMNS.values())
+    return f"{'scene':<10}{'shot':<8}{'method':<9}{titles}"
 
 
 def error_line(row: Row, *, worse: bool = False) -> str:
@@ -109,11 +114,11 @@ def error_line(row: Row, *, worse: bool = False) -> str:
 
 def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
     """Means and regressions in words."""
-    found = means(rows)
-    shots = found[0]["shots"]
+    averages = means(rows)
+    shots = averages[0]["shots"]
     yield ""
     yield f"means of {shots} shot{'s' * (shots != 1)}, PSNR capped at {CAP:g} dB"
-    for mean in found:
+    for mean in averages:
         yield f"{'mean':<18}{mean['method']:<9}" + _cells(mean)
     worse = regressions(rows)
     if worse:
@@ -122,34 +127,27 @@ def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
         yield _loss(lost)
 
 
-def _loss(found: dict[str, Any]) -> str:
-    lost = found["lost"]
-    words = []
-    if "psnr" in lost:
-        words.append(f"{lost['psnr']:.2f} dB")
-    if "ssim" in lost:
-        words.append(f"{lost['ssim']:.4f} SSIM")
-    if "rel_rmse" in lost:
-        words.append(f"{100 * found['share']:.1f} % relative RMSE")
-    baseline = BASELINES[found["baseline"]]
-    return f"! {found['scene']} {found['shot']}: {JUDGED} loses {', '.join(words)} to {baseline}"
+def _loss(loss: dict[str, Any]) -> str:
+    lost = loss["lost"] | {"share": 100 * loss["share"]}
+    formats = {"psnr": "{psnr:.2f} dB", "ssim": "{ssim:.4f} SSIM"}
+    formats["rel_rmse"] = "{share:.1f} % relative RMSE"
+    words = ", ".join(text.format(**lost) for name, text in formats.items() if name in lost)
+    baseline = BASELINES[loss["baseline"]]
+    return f"! {loss['scene']} {loss['shot']}: {JUDGED} loses {words} to {baseline}"
 
 
 def _cells(values: dict[str, Any]) -> str:
-    cells = []
-    for name, decimals in _DECIMALS.items():
-        value = values[name]
-        told = "-" if value is None else f"{value:.{decimals}f}"
-        cells.append(f"{told:>{_WIDTHS.get(name, 9)}}")
-    return "".join(cells)
+    return "".join(
+        f"{'-':>{width}}" if values[name] is None else f"{values[name]:>{width}.{decimals}f}"
+        for name, (_, width, decimals) in _COLUMNS.items()
+    )
 
 
-def time_record(timing: Timing) -> dict[str, Any]:
-    """A timing in plain words and numbers."""
-    case = timing.case
+def time_record(case: Case, cost: Cost) -> dict[str, Any]:
+    """A case and its cost in plain words and numbers."""
     size = {"width": case.size[0], "height": case.size[1]}
     settings = {"kind": case.kind, **size, "radius": case.radius, "quality": case.quality}
-    return {"case": case.name, **settings, **asdict(timing.cost)}
+    return {"case": case.name, **settings, **asdict(cost)}
 
 
 def time_heading() -> str:
@@ -157,9 +155,8 @@ def time_heading() -> str:
     return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
 
 
-def time_line(timing: Timing) -> str:
+def time_line(case: Case, cost: Cost) -> str:
     """A row of the table of times."""
-    case, cost = timing.case, timing.cost
     size = "{}x{}".format(*case.size)
     memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"
     names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"

@@ -1,12 +1,12 @@
 """Seconds, Fourier transforms and memory that a rendering costs, and the scenes to time.
 
-The unit of cost is one transform of the frame there and back, RGBA float32. It is measured before
-and after each rendering: what slows the machine meanwhile slows both, and their ratio says what the
-renderer itself costs.
+The unit of cost is one Fourier transform of the frame and its inverse, RGBA float32. It is measured
+before and after each rendering: a busy machine slows both, so that their ratio is the cost of the
+renderer itself.
 
-The unit is of one thread, however many render: two threads that share it take from half as long to
-longer, as their memory is at hand or not. The unit is of memory that the system hands out anew each
-time, as in a new process: memory that happens to be at hand halves the time of a transform.
+The unit is measured on one thread, however many render: the time of two threads depends too much on
+where their memory lies. Each measurement takes fresh memory from the system, as a new process does,
+because memory in use before would halve the time of a transform.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class Cost:
-    """What a rendering cost.
+    """Cost of a rendering.
 
     Attributes:
         seconds: median of the repetitions.
         fft_units: median of the ratios to the unit measured beside each repetition.
-        peak_mb: most memory that the process held meanwhile, MB; None where no system tells.
+        peak_mb: peak memory of the process meanwhile, MB; None if the system does not report it.
     """
 
     seconds: float
@@ -51,13 +51,13 @@ class Cost:
 
 @dataclass(frozen=True)
 class Case:
-    """What is timed.
+    """A synthetic scene to time, at one size, radius and quality.
 
     Attributes:
-        kind: of scene.
+        kind: kind of scene.
         size: (width, height) in px.
         radius: greatest |r| in px; 0 where all is in focus.
-        quality: of the renderer.
+        quality: quality of the renderer.
     """
 
     kind: str
@@ -70,14 +70,6 @@ class Case:
         """In one word, like ``floor-480x270-r8-standard``."""
         width, height = self.size
         return f"{self.kind}-{width}x{height}-r{self.radius:g}-{self.quality}"
-
-
-@dataclass(frozen=True)
-class Timing:
-    """A case and its cost."""
-
-    case: Case
-    cost: Cost
 
 
 def cases(sizes: Sequence[Size], radii: Sequence[float], qualities: Sequence[str]) -> list[Case]:
@@ -93,8 +85,8 @@ def cases(sizes: Sequence[Size], radii: Sequence[float], qualities: Sequence[str
     ]
 
 
-def time_case(case: Case, *, device: str, threads: int) -> Timing:
-    """Render a case several times, fewer if it takes long.
+def time_case(case: Case, *, device: str, threads: int) -> Cost:
+    """The cost of a case, which is rendered several times, fewer if it takes long.
 
     Raises:
         InputError: the picture does not fit into the memory of the GPU.
@@ -111,7 +103,7 @@ def time_case(case: Case, *, device: str, threads: int) -> Timing:
         return render(image, radius, quality=case.quality, threads=threads).render
 
     try:
-        return Timing(case, measured(work, FftUnit(image), repeats=_REPEATS)[1])
+        return measured(work, FftUnit(image), repeats=_REPEATS)[1]
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError(case.name, problem, "leave that size out or use --device cpu") from None
@@ -134,18 +126,26 @@ def measured(work: Callable[[], Tensor], unit: FftUnit, *, repeats: int) -> tupl
     return picture, Cost(median(seconds), median(ratios), max(peaks, default=None))
 
 
-def warm_up(device: str) -> None:
-    """Render a tiny picture: what a process does once belongs to no shot.
+def warm_up(device: str) -> str:
+    """Render a tiny picture, as what a process does once belongs to no shot; the device it is on.
 
     From here on torch uses one thread: threads work on tiles or channels.
+
+    Raises:
+        UsageProblem: there is no such device.
     """
+    from defocus_cli.rendering import job_steps
+
+    job_steps.load()
     import torch
 
     from defocus_core import render
 
     set_to_render()
+    device = job_steps.choose_device(device)
     radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
     render(radius[None].abs(), radius)
+    return device
 
 
 class FftUnit:
@@ -181,7 +181,7 @@ class FftUnit:
 
 
 def _timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
-    """What some work gives, and the seconds that it takes."""
+    """The result of some work, and the seconds that it takes."""
     import torch
 
     start = time.perf_counter()

@@ -28,10 +28,10 @@ class Shot:
     """One picture of a set.
 
     Attributes:
-        folder: of the scene.
-        name: of the shot.
-        lens: that took it.
-        border: px at each side that show content from outside the frame.
+        folder: folder of the scene.
+        name: name of the shot.
+        lens: lens of the shot.
+        border: px at each side that may show content from outside the frame.
     """
 
     folder: Path

@@ -8,8 +8,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.batch import run
-from defocus_cli.batch.execution import How
-from defocus_cli.batch.plan import make_plan
+from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.jobs.job import Job, Outputs
 from defocus_cli.jobs.jobs_file import read_jobs
@@ -91,7 +90,7 @@ def command(
         problem = "needs the whole batch"
         raise UsageProblem("--shards-size", problem, "give it to 'defocus merge'")
     jobs = read_jobs(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
-    how = How(
+    execution = Execution(
         crew.execute(),
         shard=shard,
         limit=limit,
@@ -100,17 +99,17 @@ def command(
         spread=crew.spread,
     )
     if dry_run:
-        plan = make_plan(jobs, out, how)
-        dry_runs.tell_batch(plan, crew.count, as_json=as_json, verbose=verbose)
+        plan = make_plan(jobs, out, execution)
+        dry_runs.report_batch(plan, crew.count, as_json=as_json, verbose=verbose)
         return
     asked = {job.sample_id for job in jobs}
-    carry_out(jobs, out, how, shards_size, asked, as_json=as_json, verbose=verbose)
+    carry_out(jobs, out, execution, shards_size, asked, as_json=as_json, verbose=verbose)
 
 
 def carry_out(
     jobs: list[Job],
     out: Path,
-    how: How,
+    execution: Execution,
     shards_size: int | None,
     asked: Collection[str] | None,
     *,
@@ -122,11 +121,11 @@ def carry_out(
     Raises:
         ClickException: not all could be done.
     """
-    told = batch_report.Told(each=verbose, verbose=verbose)
-    with told.bar("job"):
-        summary = run.carry_out(jobs, out, how, told)
+    report = batch_report.BatchReport(each=verbose, verbose=verbose)
+    with report.bar("job"):
+        summary = run.carry_out(jobs, out, execution, report)
     written = []
-    if how.shard is None and not summary.interrupted:
+    if execution.shard is None and not summary.interrupted:
         written = update.index(out, shards_size, asked)
     console.say(batch_report.summary_line(summary))
     if as_json:

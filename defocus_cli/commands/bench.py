@@ -1,8 +1,7 @@
-"""``defocus bench``: error and time on scenes with known truth, or time on made scenes."""
+"""``defocus bench``: error and time on scenes with known truth, or time on synthetic scenes."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,11 +10,12 @@ from typing import Any
 import click
 
 from defocus_cli.bench import error_plot, tables
-from defocus_cli.bench.baseline import read_baseline
+from defocus_cli.bench.baseline import read_baseline, slower
 from defocus_cli.bench.error import BASELINES, Row, measure_shot
 from defocus_cli.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_cli.bench.truth_set import find_shots, read, sample_set
 from defocus_cli.jobs.job import DEVICES, QUALITIES
+from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
 from defocus_cli.system import console
@@ -35,20 +35,13 @@ def _size(word: str) -> Size:
     return width, height
 
 
-def _radius(word: str) -> float:
-    radius = float(word.removesuffix("px"))
-    if not 0 < radius < math.inf:
-        raise ValueError(word)
-    return radius
-
-
 _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 
 
 @click.command(
     "bench",
     cls=GroupedCommand,
-    short_help="Render scenes with known truth or made ones; say error and time.",
+    short_help="Render scenes with known truth or synthetic ones; say error and time.",
 )
 @click.option(
     "--truth",
@@ -81,7 +74,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 )
 @click.option("--device", type=click.Choice(DEVICES), default="auto", show_default=True)
 @shared.json_option
-@_time_option("--time", "timing", is_flag=True, help="Time made scenes instead.")
+@_time_option("--time", "timing", is_flag=True, help="Time synthetic scenes instead.")
 @_time_option(
     "--sizes",
     type=Listed(_size, "size", "480x270,1920x1080"),
@@ -91,7 +84,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 )
 @_time_option(
     "--radii",
-    type=Listed(_radius, "radius", "8,32"),
+    type=Listed(pixel_count, "radius", "8,32"),
     default=RADII,
     metavar="R,…",
     help="Largest blur radii in px.  [default: 8,32]",
@@ -129,7 +122,7 @@ def command(
     '!' marks shots on which standard is worse than a baseline by more than 0.1 dB, 0.001 SSIM or
     1 % relative RMSE; they are listed at the end.
 
-    With --time, scenes of several kinds are made and timed on one thread, as one thread makes the
+    With --time, synthetic scenes of several kinds are timed on one thread, as one thread makes the
     transforms: at two sizes and radii in half a minute, or at those given. --baseline compares
     FFTs with a stored run. With --json the table is on stderr.
 
@@ -178,12 +171,8 @@ def _errors(
     truth: Path, qualities: Sequence[str], device: str, threads: int, echo: Callable[[str], None]
 ) -> tuple[list[Row], dict[str, Any]]:
     """Measure all shots of a set, by each baseline and each quality: rows, and the document."""
-    from defocus_cli.rendering import job_steps
-
     shots, methods = find_shots(truth), (*BASELINES, *qualities)
-    job_steps.load()
-    device = job_steps.choose_device(device)
-    warm_up(device)
+    device = warm_up(device)
     echo(tables.error_heading())
     rows: list[Row] = []
     for shot in shots:
@@ -206,25 +195,23 @@ def _times(
     echo: Callable[[str], None],
 ) -> dict[str, Any]:
     """Time all cases: the document, with what a stored run says of them."""
-    from defocus_cli.rendering import job_steps
-
     stored = read_baseline(baseline) if baseline else None
-    job_steps.load()
-    device, asked = job_steps.choose_device(device), cases(sizes, radii, qualities)
+    device = warm_up(device)
+    asked = cases(sizes, radii, qualities)
     if stored:
         stored.refuse_incomparable(asked, threads=threads, device=device)
     timed = partial(time_case, device=device, threads=threads)
-    warm_up(device)
     echo(tables.time_heading())
-    timings = []
+    costs = {}
     for case in asked:
-        timings.append(timed(case))
-        echo(tables.time_line(timings[-1]))
+        costs[case] = timed(case)
+        echo(tables.time_line(case, costs[case]))
     document: dict[str, Any] = {"device": device, "threads": threads}
     if stored:
-        timings = stored.confirmed(timings, timed)
-        compared, worse = stored.compare(timings), stored.slower(timings)
+        costs = stored.confirmed(costs, timed)
+        compared = stored.compare(costs)
+        worse = slower(compared)
         document |= {"baseline": compared, "slower": [each["case"] for each in worse]}
         for line in tables.comparison_lines(compared, worse):
             echo(line)
-    return {**document, "rows": [tables.time_record(timing) for timing in timings]}
+    return {**document, "rows": [tables.time_record(*item) for item in costs.items()]}

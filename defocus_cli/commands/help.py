@@ -21,9 +21,7 @@ TOPICS = {
 
 
 @click.command(
-    "help",
-    cls=GroupedCommand,
-    short_help="Print the reference on a topic, or list the topics.",
+    "help", cls=GroupedCommand, short_help="Print the reference on a topic, or list the topics."
 )
 @click.argument("topic", required=False)
 def command(topic: str | None) -> None:

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch import local_process, run
-from defocus_cli.batch.execution import How
-from defocus_cli.batch.plan import make_plan
+from defocus_cli.batch import pipeline, run
+from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
-from defocus_cli.jobs.pairing import find_pictures, with_hidden
+from defocus_cli.jobs.pairing import find_pictures
 from defocus_cli.options import shared
 from defocus_cli.options.lens import lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
@@ -84,25 +83,25 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = with_hidden(find_pictures(color, depth), color, hidden)
+    pictures = find_pictures(color, depth, hidden)
     jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
-    how = functools.partial(How, read_inputs=check_inputs == "hash")
+    execution = functools.partial(Execution, read_inputs=check_inputs == "hash")
     if dry_run:
-        dry_runs.tell(
-            jobs, make_plan(jobs, outputs.root, how(local_process.execute)), as_json=as_json
+        dry_runs.report_pictures(
+            jobs, make_plan(jobs, outputs.root, execution(pipeline.execute)), as_json=as_json
         )
         return
-    told = batch_report.Told(each=True, keep=as_json, verbose=verbose, stats=stats)
+    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
-        with told.bar("picture"):
-            summary = run.carry_out(jobs, outputs.root, how(local_process.execute), told)
+        with report.bar("picture"):
+            summary = run.carry_out(jobs, outputs.root, execution(pipeline.execute), report)
     else:
         with batch_report.tile_bar() as tile_count:
-            alone = local_process.execute_alone(tile_count)
-            summary = run.carry_out(jobs, outputs.root, how(alone), told)
+            alone = pipeline.execute_alone(tile_count)
+            summary = run.carry_out(jobs, outputs.root, execution(alone), report)
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})
     if as_json:
-        records = [told.records[job.sample_id] for job in jobs if job.sample_id in told.records]
+        records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
         console.print_json(dry_run=False, pictures=records)
     batch_report.end(summary)

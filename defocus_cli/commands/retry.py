@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch.execution import How
+from defocus_cli.batch.plan import Execution
 from defocus_cli.commands.batch import carry_out
 from defocus_cli.dataset import sample_index
 from defocus_cli.journal.journal import read_all, require_journal
@@ -57,8 +57,8 @@ def command(
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         console.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")
-    how = How(crew.execute(), again=True, spread=crew.spread)
+    execution = Execution(crew.execute(), again=True, spread=crew.spread)
     jobs = computed_by(jobs, crew.machine)
     before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}
-    carry_out(jobs, out, how, shards_size, asked, as_json=as_json, verbose=verbose)
+    carry_out(jobs, out, execution, shards_size, asked, as_json=as_json, verbose=verbose)

@@ -35,9 +35,9 @@ def command(out: Path, failures: int, as_json: bool) -> None:
       defocus status out --json
       jq -r 'select(.status == "failed") | .message' out/journal.jsonl
     """  # noqa: D301  click reads the backspace
-    found = progress(out)
+    state = progress(out)
     if as_json:
-        console.print_json(**batch_report.progress_record(found, failures))
+        console.print_json(**batch_report.progress_record(state, failures))
         return
-    for line in batch_report.progress_lines(out, found, failures):
+    for line in batch_report.progress_lines(out, state, failures):
         console.tell(line)

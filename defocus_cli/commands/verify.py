@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
@@ -18,7 +17,7 @@ from defocus_cli.system.console import counted
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core import Check, Setting
+    from defocus_core import Check
 
 
 @click.command(
@@ -48,12 +47,16 @@ def command(machine: Machine, as_json: bool) -> int:
     job_steps.load()
     import torch
 
-    from defocus_core import Setting
+    from defocus_core import LAWS, Setting, verify
 
     device = job_steps.choose_device(machine.device)
     set_to_render()
     start = time.perf_counter()
-    checks = [*_watched(Setting(device, machine.quality, machine.threads))]
+    checks: list[Check] = []
+    with bar("law", len(LAWS)) as laws:
+        for of_law in verify(Setting(device, machine.quality, machine.threads)):
+            checks += of_law
+            laws.update()
     seconds = time.perf_counter() - start
     ok = all(check.ok for check in checks)
     if as_json:
@@ -72,13 +75,3 @@ def command(machine: Machine, as_json: bool) -> int:
         work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
         console.tell(f"{verify_table.summary(checks, seconds)} ({work})")
     return 0 if ok else 1
-
-
-def _watched(setting: Setting) -> Iterator[Check]:
-    """All checks, with a bar that counts the laws if a terminal sees."""
-    from defocus_core import LAWS, verify
-
-    with bar("law", len(LAWS)) as laws:
-        for checks in verify(setting):
-            laws.update()
-            yield from checks

@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from defocus_cli.dataset import sample_index
 from defocus_cli.dataset.sample_index import Record
@@ -57,6 +57,14 @@ class Member:
 Sample = tuple[Member, ...]
 
 
+@dataclass(frozen=True)
+class Listing:
+    """The list of shards: greatest size of a tar, and bytes of each by its name and digest."""
+
+    limit: int
+    sizes: Mapping[tuple[str, str], int]
+
+
 def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     """Pack the samples that are done into tars of at most ``limit`` bytes.
 
@@ -76,12 +84,12 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     """
     folder = out / FOLDER
     before = listed(out)
+    sizes = before.sizes if before else {}
     packed = []
     for number, samples in enumerate(_shards(_samples(out, records), limit)):
         path = folder / f"samples-{number:06}.tar"
         digest = _digest(samples)
-        known = before.get(path.name)
-        if known is None or known["digest"] != digest or not _has_size(path, known["bytes"]):
+        if not _has_size(path, sizes.get((path.name, digest))):
             _pack(path, samples)
         size = path.stat().st_size
         one = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
@@ -96,32 +104,20 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     return kept
 
 
-def there(out: Path) -> bool:
-    """Whether OUT has shards."""
+def exist(out: Path) -> bool:
+    """Whether shards exist in OUT."""
     with suppress(OSError):
         return any(_NAME.fullmatch(path.name) for path in (out / FOLDER).iterdir())
     return False
 
 
-def packed_in(out: Path) -> int | None:
-    """Greatest size in bytes that the shards of OUT were packed for; None if it is not listed."""
+def listed(out: Path) -> Listing | None:
+    """What the list of shards in OUT says; None where it is missing or broken."""
     with suppress(OSError, ValueError, KeyError, TypeError):
-        return int(_list(out)["limit"])
+        listing = json.loads((out / FOLDER / LIST).read_text())
+        sizes = {(one["file"], one["digest"]): one["bytes"] for one in listing["shards"]}
+        return Listing(int(listing["limit"]), sizes)
     return None
-
-
-def listed(out: Path) -> dict[str, Mapping[str, Any]]:
-    """Shards of an earlier run by name; none where their list is missing or broken."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        shards = _list(out)["shards"]
-        return {
-            str(one["file"]): {"digest": one["digest"], "bytes": one["bytes"]} for one in shards
-        }
-    return {}
-
-
-def _list(out: Path) -> Any:
-    return json.loads((out / FOLDER / LIST).read_text())
 
 
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:

@@ -61,15 +61,14 @@ def refresh(out: Path, done: Collection[str]) -> None:
 
 def _followed(out: Path, records: list[Record]) -> list[Path]:
     """Pack existing shards again if samples changed, so that they hold what the index lists."""
-    if not tar_shards.there(out):
+    if not tar_shards.exist(out):
         return []
-    folder, size = out / tar_shards.FOLDER, tar_shards.packed_in(out)
-    if size is None:
+    folder, before = out / tar_shards.FOLDER, tar_shards.listed(out)
+    if before is None:
         problem = f"may hold other samples than {sample_index.NAME}"
         console.say(f"{folder}: warning: {problem}; --shards-size packs them again")
         return []
-    before = tar_shards.listed(out)
-    written = tar_shards.write(out, records, size)
+    written = tar_shards.write(out, records, before.limit)
     if tar_shards.listed(out) != before:
         console.say(f"{folder}: packed again, as samples changed; remove it if it is not wanted")
     return written

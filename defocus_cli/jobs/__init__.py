@@ -1,1 +1,6 @@
-"""Jobs as they are asked for: pictures, lenses, sweeps, jobs files."""
+"""What a user asks for: jobs, jobs files, lens files, sweeps, quantities.
+
+Terms: a picture is colour and depth, with a hidden layer if there is one. A job is one picture, one
+lens and its outputs. A sample is what a job writes; its name is that of the picture and a suffix
+for the lens. A point is one lens of a sweep; a draw is one random lens.
+"""

@@ -1,4 +1,4 @@
-"""The pictures that a jobs file names, with lens options of their own.
+"""Pictures of a jobs file: from paths, patterns, lists and tables, with lens options of their own.
 
 ``[inputs]`` knows
   color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
@@ -13,34 +13,32 @@ its outputs are named) and any option of a lens. Paths are relative to the file 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
-from defocus_cli.jobs import lens_options, picture_lists
 from defocus_cli.jobs.job import Picture
-from defocus_cli.jobs.pairing import (
-    COLOR_SUFFIXES,
-    DEPTH_SUFFIXES,
-    SCENE_SUFFIXES,
-    find_pictures,
-    with_hidden,
-)
-from defocus_cli.jobs.picture_lists import has_wildcard, matching
-from defocus_cli.jobs.toml_file import Table
-from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_cli.jobs.lens_options import PARSERS, checked, refuse_contradiction
+from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures
+from defocus_cli.jobs.toml_file import Table, refuse_unknown
+from defocus_cli.system.errors import InputError, UsageProblem, reason
 
 FILES = ("color", "depth", "hidden-color", "hidden-depth")
 KEYS = (*FILES, "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
-_TRIED = 100  # rows whose files are looked for
+LIST_SUFFIXES = (".csv", ".jsonl")
+LONGEST_LINE = 2**20
+_TRIED = 100  # first rows of which one file at least must exist
+_Row = tuple[str, Mapping[str, Any]]  # place, for errors, and values
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A picture, and where it is named."""
+    """A picture, its place in a file for errors, and its own lens options as texts."""
 
     picture: Picture
     where: str
@@ -57,7 +55,7 @@ def read_inputs(table: Table) -> list[Entry]:
     table.refuse_unknown(KEYS)
     entries = [
         *_from_files(table),
-        *(entry for file in _lists(table) for entry in _from_list(file)),
+        *(entry for file in _lists(table) for entry in _from_rows(_read_rows(file), file)),
         *_from_tables(table),
     ]
     if not entries:
@@ -73,59 +71,19 @@ def read_inputs(table: Table) -> list[Entry]:
 
 
 def _from_files(table: Table) -> list[Entry]:
-    color, depth, *behind = (table.text(key) for key in FILES)
+    color, depth, hidden_color, hidden_depth = (
+        text if text is None else Path(text) for text in map(table.text, FILES)
+    )
     if color is None:
-        given = next((key for key in FILES if key in table.values), None)
-        if given is not None:
-            raise UsageProblem(table.place(given), "stands without color", "add color")
+        lone = next((key for key in FILES if key in table.values), None)
+        if lone is not None:
+            raise UsageProblem(table.place(lone), "stands without color", "add color")
         return []
-    hidden_color, hidden_depth = behind
     if hidden_color is None and hidden_depth is not None:
         raise UsageProblem(table.place("hidden-depth"), "stands without hidden-color", "add that")
-    folder = table.file.parent
-    if not any(has_wildcard(text) for text in (color, depth, *behind) if text):
-        pictures = find_pictures(folder / color, folder / depth if depth else None)
-        if hidden_color is not None:
-            paths = folder / hidden_color, folder / (hidden_depth or hidden_color)
-            pictures = with_hidden(pictures, folder / color, paths)
-    else:
-        pictures = _matched(table, "color", "depth")
-        if hidden_color is not None:
-            known = {
-                picture.stem: picture for picture in _matched(table, "hidden-color", "hidden-depth")
-            }
-            _refuse_unpaired(table, {p.stem: p.color for p in pictures}, known, "hidden-color")
-            pictures = [Picture(p.stem, p.color, p.depth, known[p.stem]) for p in pictures]
+    hidden = None if hidden_color is None else (hidden_color, hidden_depth)
+    pictures = find_pictures(color, depth, hidden, patterns_in=table.file.parent)
     return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
-
-
-def _matched(table: Table, color: str, depth: str) -> list[Picture]:
-    """Pictures whose colour and depth are named alike by two patterns, or by one for both."""
-    keys = [key for key in (color, depth) if key in table.values]
-    for key in keys:
-        if not has_wildcard(table.values[key]):
-            problem = f"has no * though others of {', '.join(FILES)} have"
-            raise UsageProblem(table.place(key), problem, "write all as patterns, or none")
-    folder = table.file.parent
-    if len(keys) == 1:
-        scenes = matching(folder, table.values[color], SCENE_SUFFIXES)
-        return [Picture(name, path, path) for name, path in scenes.items()]
-    colors = matching(folder, table.values[color], COLOR_SUFFIXES)
-    depths = matching(folder, table.values[depth], DEPTH_SUFFIXES)
-    _refuse_unpaired(table, colors, depths, depth)
-    _refuse_unpaired(table, depths, colors, color)
-    return [Picture(name, path, depths[name]) for name, path in colors.items()]
-
-
-def _refuse_unpaired(
-    table: Table, files: Mapping[str, Path], others: Mapping[str, object], key: str
-) -> None:
-    lone = [name for name in files if name not in others]
-    if lone:
-        more = f" and for {len(lone) - 1} more" if len(lone) > 1 else ""
-        problem = f"matches nothing named '{lone[0]}' for {files[lone[0]]}{more}"
-        remedy = "what the wildcards stand for must be the same in both patterns"
-        raise InputError(table.place(key), problem, remedy)
 
 
 def _lists(table: Table) -> list[Path]:
@@ -137,34 +95,37 @@ def _lists(table: Table) -> list[Path]:
     return [table.file.parent / name for name in names]
 
 
-def _from_list(file: Path) -> list[Entry]:
-    rows = picture_lists.read_rows(file)
-    entries = [_entry(row, picture_lists.line(file, number), file.parent) for number, row in rows]
-    if not entries:
-        raise InputError(file, "has no row", "write one for each picture")
-    _refuse_lost(entries, file)
-    return entries
-
-
 def _from_tables(table: Table) -> list[Entry]:
-    rows = table.values.get("pictures", [])
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+    tables = table.values.get("pictures", [])
+    if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
         remedy = "write [[inputs.pictures]] above each picture's color and depth"
         raise UsageProblem(table.place("pictures"), "is no list of tables", remedy)
-    folder = table.file.parent
-    places = (f"{table.file}: [[inputs.pictures]] {number}" for number in range(1, len(rows) + 1))
-    entries = [_entry(row, where, folder) for row, where in zip(rows, places, strict=True)]
-    if entries:
-        _refuse_lost(entries, table.file)
+    if not tables:
+        return []
+    places = (f"{table.file}: [[inputs.pictures]] {number}" for number in count(1))
+    return _from_rows(zip(places, tables, strict=False), table.file)
+
+
+def _from_rows(rows: Iterable[_Row], file: Path) -> list[Entry]:
+    """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
+    entries = [_entry(row, where, file.parent) for where, row in rows]
+    if not entries:
+        raise InputError(file, "has no row", "write one for each picture")
+    if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
+        first = entries[0]
+        remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
+        raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
     return entries
 
 
 def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
-    options = {}
-    for key, value in row.items():
-        if key not in ROW_KEYS:
-            lens_options.refuse_unknown(key, where, "a row", more=ROW_KEYS)
-            options[key] = lens_options.text_of(value)
+    refuse_unknown(row, (*PARSERS, *ROW_KEYS), where, "a row")
+    options = {
+        key: checked(key, value, f"{where}: {key}")
+        for key, value in row.items()
+        if key not in ROW_KEYS
+    }
+    refuse_contradiction(options, f"{where}: ")
     paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError(where, "names no color", "give it the path of a colour file")
@@ -196,13 +157,63 @@ def _stem(value: object, where: str) -> str:
     return stem
 
 
-def _refuse_lost(entries: Sequence[Entry], file: Path) -> None:
-    """Refuse a list of paths relative to something else; what is missing alone fails alone."""
-    if not any(_exists(entry) for entry in islice(entries, _TRIED)):
-        first = entries[0]
-        remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
-        raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
+def _read_rows(file: Path) -> Iterator[_Row]:
+    """Place and values of each row, without those that are empty or null.
+
+    Raises:
+        InputError: the file cannot be read, or a line is no row; the line is named.
+    """
+    if file.suffix.lower() not in LIST_SUFFIXES:
+        remedy = f"name it after its type, {' or '.join(LIST_SUFFIXES)}"
+        raise InputError(file, "is no list of pictures by its name", remedy)
+    rows = _csv_rows if file.suffix.lower() == ".csv" else _json_rows
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as opened:
+            yield from rows(file, opened)
+    except OSError as error:
+        raise InputError(file, f"cannot be read: {reason(error)}", "check the path") from None
+    except UnicodeDecodeError:
+        raise InputError(file, "is not UTF-8 text", "save it as UTF-8") from None
 
 
-def _exists(entry: Entry) -> bool:
-    return entry.picture.color.exists()
+def _csv_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
+    reader = csv.reader(opened, strict=True)
+    try:
+        keys = [key.strip() for key in next(reader, [])]
+        if not keys:
+            raise InputError(file, "is empty", "begin it with a line like color,depth")
+        if twice := [key for key in keys if keys.count(key) > 1]:
+            problem = f"names '{twice[0]}' twice"
+            raise InputError(f"{file}: line 1", problem, "remove one of the columns")
+        for cells in reader:
+            values = [cell.strip() for cell in cells]
+            if any(values) and len(values) != len(keys):
+                problem = f"has {len(values)} cells, but the header names {len(keys)}"
+                raise InputError(f"{file}: line {reader.line_num}", problem, "mend that line")
+            if any(values):
+                row = zip(keys, values, strict=True)
+                yield f"{file}: line {reader.line_num}", {key: value for key, value in row if value}
+    except csv.Error as error:
+        where = f"{file}: line {reader.line_num}"
+        raise InputError(where, f"is not CSV: {reason(error)}", "mend that line") from None
+
+
+def _json_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
+    for number in count(1):
+        text = opened.readline(LONGEST_LINE)
+        if not text:
+            return
+        if not text.strip():
+            continue
+        remedy = 'write it like {"color": "a.exr", "depth": "b.exr"}'
+        try:
+            row = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            problem = f"is not JSON: {reason(error)}"
+            raise InputError(f"{file}: line {number}", problem, remedy) from None
+        if not isinstance(row, dict):
+            raise InputError(f"{file}: line {number}", "is no JSON object", remedy)
+        yield (
+            f"{file}: line {number}",
+            {key: value for key, value in row.items() if value not in (None, "")},
+        )

@@ -14,7 +14,6 @@ from typing import Any
 
 from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
-from defocus_cli.jobs.random_lenses import Draw
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DEPTH_REPAIRS = ("auto", "off")
@@ -44,11 +43,30 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Draw:
+    """Which of the random lenses of a picture this is.
+
+    Attributes:
+        seed: the seed of the jobs file.
+        picture: name of the picture.
+        index: number of the draw for this picture.
+        options: all options of the lens as texts, drawn or not.
+        attempt: number of draws before this one that did not suit the picture.
+    """
+
+    seed: int
+    picture: str
+    index: int
+    options: tuple[tuple[str, str], ...]
+    attempt: int = 0
+
+
+@dataclass(frozen=True)
 class Lens:
     """A thin lens, lengths in mm.
 
-    Its focus is at ``foc_dist``, on what pixel ``focus_at`` shows, or at ``focus_percentile`` of
-    the depth; ``engine.focused`` finds the distance.
+    Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
+    the depth; `defocus_cli.rendering.focusing.focused` finds the distance.
     """
 
     foclen: float
@@ -59,9 +77,9 @@ class Lens:
     blades: int = 0
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
-    max_coc: float | None = None  # px, the greatest CoC radius with which a picture is taken
-    draw: Draw | None = None  # where it is from, if it is random, and where another can be had
-    # What errors name before the option of its focus: the file that has it, or dashes.
+    max_coc: float | None = None  # px, largest CoC radius that the picture may have
+    draw: Draw | None = None  # of a random lens; another can be drawn from it
+    # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)
 
 
@@ -82,7 +100,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What to write, and where."""
+    """The outputs of a job, and where to write them."""
 
     root: Path
     kinds: tuple[str, ...] = ("render",)
@@ -94,12 +112,12 @@ class Outputs:
 
     @property
     def rows(self) -> list[Kind]:
-        """The rows of the table of kinds, of what is written."""
+        """The rows of the table of kinds that are written."""
         return [KINDS[name] for name in self.kinds]
 
     @property
     def need_rendering(self) -> bool:
-        """Whether the signed radii are not enough for some kind."""
+        """Whether a kind needs more than the signed radii."""
         return any(kind.rendered for kind in self.rows)
 
     def names(self, stem: str) -> dict[str, str]:
@@ -113,18 +131,18 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute: ``quality`` or ``tolerance``, and ``depth_repair``, decide the pictures.
+    """How to compute. ``quality`` or ``tolerance``, and ``depth_repair``, decide the pictures.
 
-    Their last digits depend on ``tile`` too, and on nothing else here.
+    ``tile`` changes their last digits, too; the other fields change nothing in them.
     """
 
     quality: str = "standard"
     tolerance: float | None = None  # px of CoC radius, instead of a quality
-    depth_repair: str = "auto"  # off: depth is taken as it is given
+    depth_repair: str = "auto"  # off: depth is used as it is read
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available
-    tile: int | None = None  # px on a side of a tile; None: what the renderer thinks best
+    tile: int | None = None  # px on a side of a tile; None: the renderer's own
 
 
 @dataclass(frozen=True)
@@ -136,11 +154,11 @@ class Job:
     reading: Reading
     outputs: Outputs
     machine: Machine
-    suffix: str = ""  # what tells this lens from the others that take the same picture
+    suffix: str = ""  # tells this lens from others of the same picture
 
     @property
     def sample_id(self) -> str:
-        """The name of what is made, and the stem of its files."""
+        """The name of the sample, and the stem of its files."""
         return self.picture.stem + self.suffix
 
     @property
@@ -193,7 +211,7 @@ def lens_words(lens: Lens) -> str:
 
 
 def lens_record_words(lens: Mapping[str, Any]) -> str:
-    """The same of a lens in plain numbers."""
+    """A record of a lens in words."""
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
     if "focus_percentile" in lens:
         focus = f"at {Percentile(lens['focus_percentile'])}"

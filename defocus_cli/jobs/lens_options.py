@@ -1,43 +1,46 @@
-"""Lens options: their names, and how each is read and written.
+"""Lens options: their names, how each is read and written, and the lens that they describe.
 
-Files hold options as texts, ``{"focus": "2m"}``; `parsed` reads one. What goes into a file name is
-a short form of it, like ``focus2m``.
+Files hold options as texts, ``{"focus": "2m"}``, with the units they have on the command line. A
+lens file holds nothing else::
+
+    focal-length = "50mm"
+    fnumber = 1.4
+    focus = "2m"
+    blades = 6
+
+The ``source`` of options is how errors about one of them begin: two dashes for the command line,
+else the file or table, with a colon and a blank.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs import quantities
-from defocus_cli.jobs.quantities import length_text
-from defocus_cli.system.errors import UsageProblem, did_you_mean
+from defocus_cli.jobs.job import Lens
+from defocus_cli.jobs.quantities import length_text, read_at, text_of
+from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
+from defocus_cli.system.errors import UsageProblem
 
-PARSERS: dict[str, Callable[[str], Any]] = {
-    "focal-length": quantities.length,
-    "fnumber": quantities.fnumber,
-    "aperture-diameter": quantities.length,
-    "sensor-width": quantities.length,
-    "focus": quantities.focus,
-    "focus-at": quantities.pixel,
-    "blades": quantities.blades,
-    "blade-rotation": quantities.angle,
+# How each option is read, and what a file name calls it.
+_ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "focal-length": (quantities.length, "fl"),
+    "fnumber": (quantities.fnumber, "f"),
+    "aperture-diameter": (quantities.length, "d"),
+    "sensor-width": (quantities.length, "sensor"),
+    "focus": (quantities.focus, "focus"),
+    "focus-at": (quantities.pixel, "at"),
+    "blades": (quantities.blades, "blades"),
+    "blade-rotation": (quantities.angle, "turn"),
 }
+PARSERS = {name: parser for name, (parser, _) in _ROWS.items()}
 LENGTHS = frozenset({"focal-length", "aperture-diameter", "sensor-width", "focus"})
 ALTERNATIVES = (("fnumber", "aperture-diameter"), ("focus", "focus-at"))
-EXAMPLES = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}
-_TAGS = {
-    "focal-length": "fl",
-    "fnumber": "f",
-    "aperture-diameter": "d",
-    "sensor-width": "sensor",
-    "focus": "focus",
-    "focus-at": "at",
-    "blades": "blades",
-    "blade-rotation": "turn",
-}
+_DASHES = "--"
+_REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an example of each
 
 
 @lru_cache(maxsize=65536)
@@ -50,69 +53,137 @@ def parsed(name: str, text: str) -> Any:
     return PARSERS[name](text)
 
 
-def text_of(value: object) -> str:
-    """An option as TOML, JSON or CSV hold it, as the text that the command line would take."""
-    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+def checked(name: str, value: object, where: str) -> str:
+    """The text of an option, once it is known to make sense.
 
-
-def written(name: str, value: Any) -> str:
-    """The text whose value this is, to the last digit."""
-    if isinstance(value, tuple):
-        return ",".join(map(str, value))
-    length = name in LENGTHS and isinstance(value, float) and value != float("inf")
-    return f"{value}mm" if length else str(value)
+    Raises:
+        UsageProblem: it makes no sense; the error begins with ``where``.
+    """
+    text = text_of(value)
+    read_at(where, parsed, name, text)
+    return text
 
 
 def tag(name: str, value: Any) -> str:
-    """What a file name says of an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
+    """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
     if isinstance(value, quantities.Percentile):
-        return f"focusp{value.percent:.6g}"
-    if isinstance(value, tuple):
-        return _TAGS[name] + "x".join(map(str, value))
-    return _TAGS[name] + (length_text(value) if name in LENGTHS else f"{value:.6g}")
+        text = f"p{value.percent:.6g}"
+    elif isinstance(value, tuple):
+        text = "x".join(map(str, value))
+    else:
+        text = length_text(value) if name in LENGTHS else f"{value:.6g}"
+    return _ROWS[name][1] + text
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of which ``over`` win, also over the other way to say the same.
+    """Options of both, of which ``over`` win, also over the alternatives to them.
 
-    Blades that ``over`` takes away are not turned any more.
+    If ``over`` makes the aperture round, the rotation of its blades is dropped.
     """
-    options = dict(base)
+    lost = {name for pair in ALTERNATIVES for name in pair if over.keys() & set(pair)}
     if str(over.get("blades")) == "0":
-        options.pop("blade-rotation", None)
-    for one, other in ALTERNATIVES:
-        if one in over or other in over:
-            options.pop(one, None)
-            options.pop(other, None)
-    return {**options, **over}
+        lost.add("blade-rotation")
+    return {name: value for name, value in base.items() if name not in lost} | dict(over)
 
 
-def refuse_unknown(name: str, where: str | Path, teller: str, more: Sequence[str] = ()) -> None:
-    """Raise UsageProblem unless a lens has an option ``name``; ``more`` are known there too."""
-    known = (*PARSERS, *more)
-    if name not in known:
-        remedy = did_you_mean(name.replace("_", "-"), known, f"{teller} knows {', '.join(known)}")
-        raise UsageProblem(where, f"unknown key '{name}'", remedy)
-
-
-def refuse_idle_turn(turned: object, blades: object, where: str = "") -> None:
-    """Raise UsageProblem if there are no blades to be turned; ``where`` is the file, with a colon.
+def make_lens(flags: Mapping[str, Any], file: Path | None) -> Lens:
+    """The lens that flags and a lens file describe together; flags win.
 
     Args:
-        turned: whether a rotation is given.
-        blades: whether the aperture has, or may have, blades.
-        where: the file that says so; empty for the command line.
+        flags: option name (``focal-length``, …) to parsed value; absent or None where not given.
+        file: a lens file, if there is one.
+
+    Raises:
+        InputError: the file cannot be read as TOML.
+        UsageProblem: an option is missing, contradicts another or makes no sense.
     """
-    if turned and not blades:
-        remedy = f"give it some, like {'blades =' if where else '--blades'} 6, or leave it out"
-        problem = "turns blades; this aperture is round"
-        raise UsageProblem(f"{where or '--'}blade-rotation", problem, remedy)
+    options = {name: value for name, value in flags.items() if value is not None}
+    refuse_contradiction(options, _DASHES)
+    stored = {} if file is None else read_lens_file(file)
+    values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
+    refuse_missing(values, _DASHES)
+    source = _DASHES if "blade-rotation" in options else f"{file}: "
+    refuse_idle_turn(values.get("blade-rotation"), values.get("blades"), source)
+    lens = lens_of(values, _DASHES if {"focus", "focus-at"} & options.keys() else f"{file}: ")
+    if lens.foc_dist is not None:
+        refuse_near_focus(lens.foc_dist, lens.foclen, f"{lens.focus_source}focus")
+    return lens
 
 
-def refuse_both(values: Mapping[str, Any], where: str = "") -> None:
-    """Raise UsageProblem if two options say the same; ``where`` is the file, ending in a colon."""
-    dashes = "" if where else "--"
+def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
+    """The lens of parsed options, of which none is missing and none contradicts another.
+
+    Args:
+        values: the options.
+        source: how errors about the focus begin.
+    """
+    foclen, focus = values["focal-length"], values.get("focus")
+    fnum = values["fnumber"] if "fnumber" in values else foclen / values["aperture-diameter"]
+    percentile = focus.percent if isinstance(focus, quantities.Percentile) else None
+    return Lens(
+        foclen=foclen,
+        fnum=fnum,
+        foc_dist=focus if percentile is None else None,
+        focus_at=values.get("focus-at"),
+        sensor_width=values.get("sensor-width", Lens.sensor_width),
+        blades=values.get("blades", Lens.blades),
+        blade_rotation=values.get("blade-rotation", Lens.blade_rotation),
+        focus_percentile=percentile,
+        focus_source=source,
+    )
+
+
+def read_lens_file(file: Path) -> dict[str, str]:
+    """The options of a lens file, as texts that make sense.
+
+    Raises:
+        InputError: the file cannot be read as TOML.
+        UsageProblem: a key is unknown or its value makes no sense.
+    """
+    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
+    stored = read_toml(file, what="lens file", remedy=remedy)
+    refuse_unknown(stored, tuple(PARSERS), file, "a lens file")
+    refuse_contradiction(stored, f"{file}: ")
+    return {name: checked(name, value, f"{file}: {name}") for name, value in stored.items()}
+
+
+def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
+    """Raise UsageProblem if two options set the same, like an f-number and a diameter."""
+    dashes = _DASHES if source == _DASHES else ""
     for one, other in ALTERNATIVES:
         if one in values and other in values:
-            problem = f"contradicts {dashes}{other}"
-            raise UsageProblem(f"{where}{dashes}{one}", problem, "give one of them")
+            raise UsageProblem(f"{source}{one}", f"contradicts {dashes}{other}", "give one of them")
+
+
+def refuse_missing(values: Mapping[str, Any], source: str) -> None:
+    """Raise UsageProblem if a required option is missing."""
+    others = dict(ALTERNATIVES)
+    for name, example in _REQUIRED.items():
+        other = others.get(name)
+        if name in values or other in values:
+            continue
+        if source == _DASHES:
+            either = f" or --{other}" if other else ""
+            remedy = f"add --{name} {example}{either}, or a --lens FILE that has it"
+        else:
+            either = f" or {other}" if other else ""
+            remedy = f'write {name} = "{example}"{either} below [lens]'
+        raise UsageProblem(f"{source}{name}", "is missing", remedy)
+
+
+def refuse_idle_turn(turned: object, blades: object, source: str) -> None:
+    """Raise UsageProblem if a rotation is ``turned``, but the aperture has no ``blades``."""
+    if turned and not blades:
+        example = "--blades" if source == _DASHES else "blades ="
+        problem = "turns blades; this aperture is round"
+        remedy = f"give it some, like {example} 6, or leave it out"
+        raise UsageProblem(f"{source}blade-rotation", problem, remedy)
+
+
+def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:
+    """Raise UsageProblem, naming ``where``, unless a lens of ``foclen`` can focus there (mm)."""
+    if foc_dist <= foclen:
+        near, far = length_text(foc_dist), length_text(foclen)
+        problem = f"{near} is not farther than the focal length {far}"
+        remedy = "focus farther away than that, or give a shorter focal length"
+        raise UsageProblem(where, problem, remedy)

@@ -1,120 +1,114 @@
-"""Pictures found in files and directories: colour paired with depth by name."""
+"""Pictures found in files, directories and patterns: colour, depth and hidden files of one name.
+
+The name of a file is its stem in a directory, and what the wildcards stand for in a pattern. A lone
+file pairs with any other lone file, whatever their stems.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from defocus_cli.jobs.job import Picture
+from defocus_cli.jobs.wildcards import has_wildcard, matching
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import missing
 
 COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
-
-
 DEPTH_SUFFIXES = frozenset({".exr", ".pfm", ".npy", ".png", ".tif", ".tiff"})
+SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
 
 
-SCENE_SUFFIXES = frozenset({".exr"})
+@dataclass(frozen=True)
+class _Files:
+    """The files of one path: a file, a directory, or a pattern; a lone file has an empty name."""
+
+    path: Path
+    kind: str
+    by_name: Mapping[str, Path]
 
 
-def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
-    """The pictures that one or two paths on the command line mean, sorted by stem.
+def find_pictures(
+    color: Path,
+    depth: Path | None,
+    hidden: tuple[Path, Path | None] | None = None,
+    *,
+    patterns_in: Path | None = None,
+) -> list[Picture]:
+    """The pictures that some paths mean, sorted by name.
 
     Args:
         color: a colour file, or a directory of them.
         depth: the depth file or directory; None if each colour EXR holds its own depth.
+        hidden: colour and depth of what lies behind each picture, in the same form.
+        patterns_in: the folder that paths are relative to, which then may be patterns.
 
     Raises:
         InputError: a path is missing or of the wrong sort, or files do not pair up.
     """
-    for path in (color, depth):
-        if path is not None and not path.exists():
-            raise missing(path, "file or directory")
-    if depth is None:
-        return _scenes(color)
-    if color.is_dir() != depth.is_dir():
-        folder, file = (color, depth) if color.is_dir() else (depth, color)
-        raise InputError(
-            folder, f"is a directory but {file} is a file", "give two files or two directories"
-        )
-    if not color.is_dir():
-        return [Picture(color.stem, color, depth)]
-    colors, depths = _by_stem(color, COLOR_SUFFIXES), _by_stem(depth, DEPTH_SUFFIXES)
-    lone = [sorted(colors.keys() - depths.keys()), sorted(depths.keys() - colors.keys())]
-    if lone[0] or lone[1]:
-        told = [
-            f"nothing in {other} has the stem of {_some([files[stem].name for stem in stems])}"
-            for stems, files, other in ((lone[0], colors, depth), (lone[1], depths, color))
-            if stems
-        ]
-        raise InputError(
-            color if lone[0] else depth,
-            " and ".join(told),
-            "name colour and depth files alike or move the unpaired ones away",
-        )
-    return [Picture(stem, colors[stem], depths[stem]) for stem in sorted(colors)]
-
-
-def with_hidden(
-    pictures: Sequence[Picture], color: Path, hidden: tuple[Path, Path] | None
-) -> list[Picture]:
-    """The pictures, each with what lies behind it: two files for one, two directories for all.
-
-    Raises:
-        InputError: the hidden files do not pair up with the pictures.
-    """
+    colors, pictures = _paired(color, depth, patterns_in)
     if hidden is None:
-        return list(pictures)
-    found = find_pictures(*hidden)
-    if color.is_dir() != hidden[0].is_dir():
-        problem = "is a file, but the pictures are in a directory"
-        if hidden[0].is_dir():
-            problem = "is a directory, but there is one picture"
-        raise InputError(hidden[0], problem, "give --hidden two files for a file, else directories")
-    if not color.is_dir():
-        return [replace(pictures[0], hidden=found[0])]
-    behind = {picture.stem: picture for picture in found}
-    lone = [picture.color.name for picture in pictures if picture.stem not in behind]
-    if lone:
-        problem = f"nothing in it has the stem of {_some(lone)}"
-        raise InputError(hidden[0], problem, "name hidden and colour files alike")
-    return [replace(picture, hidden=behind[picture.stem]) for picture in pictures]
+        return list(pictures.values())
+    hidden_colors, behind = _paired(*hidden, patterns_in)
+    _refuse_unpaired(colors, hidden_colors)
+    return [replace(picture, hidden=behind[name]) for name, picture in pictures.items()]
 
 
-def _scenes(path: Path) -> list[Picture]:
-    if path.is_dir():
-        return [Picture(stem, file, file) for stem, file in _by_stem(path, SCENE_SUFFIXES).items()]
-    if path.suffix.lower() not in SCENE_SUFFIXES:
-        raise InputError(
-            path,
-            "has no depth, which only EXR holds beside colour",
-            "give the depth file as a second argument",
-        )
-    return [Picture(path.stem, path, path)]
+def _paired(
+    color: Path, depth: Path | None, root: Path | None
+) -> tuple[_Files, dict[str, Picture]]:
+    """The files of a colour path, and the picture of each name."""
+    if depth is None:
+        colors = depths = _files(color, SCENE_SUFFIXES, root)
+        if colors.kind == "file" and color.suffix.lower() not in SCENE_SUFFIXES:
+            problem = "has no depth, which only EXR holds beside colour"
+            raise InputError(colors.path, problem, "give the depth file as a second argument")
+    else:
+        colors, depths = _files(color, COLOR_SUFFIXES, root), _files(depth, DEPTH_SUFFIXES, root)
+        _refuse_unpaired(colors, depths)
+        _refuse_unpaired(depths, colors)
+    return colors, {
+        name: Picture(name or path.stem, path, depths.by_name[name])
+        for name, path in colors.by_name.items()
+    }
 
 
-def _by_stem(folder: Path, suffixes: frozenset[str]) -> dict[str, Path]:
-    found: dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.suffix.lower() not in suffixes or path.is_dir():
+def _files(path: Path, suffixes: frozenset[str], root: Path | None) -> _Files:
+    if root is not None and has_wildcard(path):
+        kind, named, path = "pattern", matching(root, path), root / path
+    else:
+        path = path if root is None else root / path
+        if not path.is_dir():
+            if not path.exists():
+                raise missing(path, "file or directory")
+            return _Files(path, "file", {"": path})
+        kind, named = "directory", matching(path, "*")
+    by_name: dict[str, Path] = {}
+    for name, file in sorted(named):
+        if file.suffix.lower() not in suffixes or file.is_dir():
             continue
-        if path.stem in found:
-            raise InputError(
-                path,
-                f"has the same stem as {found[path.stem].name}, so their outputs would clash",
-                "rename or move one of them",
+        if name in by_name:
+            problem = (
+                f"names both {by_name[name]} and {file} '{name}', so their outputs would clash"
             )
-        found[path.stem] = path
-    if not found:
+            raise InputError(path, problem, "rename or move one of them, or use a narrower pattern")
+        by_name[name] = file
+    if not by_name:
         known = ", ".join(sorted(suffix[1:] for suffix in suffixes))
-        raise InputError(
-            folder, "holds no file of a known type", f"give one with files of type {known}"
-        )
-    return found
+        raise InputError(path, "holds no file of a known type", f"give files of type {known}")
+    return _Files(path, kind, by_name)
 
 
-def _some(names: Sequence[str], most: int = 3) -> str:
-    rest = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest
+def _refuse_unpaired(files: _Files, others: _Files) -> None:
+    """Refuse files of which one has no partner among the others."""
+    if files.kind != others.kind:
+        many, one = sorted((files, others), key=lambda each: each.kind == "file")
+        problem = f"is a {many.kind} but {one.path} is a {one.kind}"
+        raise InputError(many.path, problem, "give files, or directories, or patterns alone")
+    lone = [name for name in files.by_name if name not in others.by_name]
+    if lone:
+        more = f", nor like {len(lone) - 1} more" if len(lone) > 1 else ""
+        problem = f"holds nothing named '{lone[0]}' like {files.by_name[lone[0]]}{more}"
+        remedy = "name colour and depth files alike, or move the unpaired ones away"
+        raise InputError(others.path, problem, remedy)

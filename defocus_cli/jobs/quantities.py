@@ -8,18 +8,23 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import TypeVar
 
-MM_PER_UNIT = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
-MOST_BLADES = 100  # a polygon that nobody tells from a circle
+from defocus_cli.system.errors import UsageProblem
+
+T = TypeVar("T")
+
+_MM = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
 _BYTES = {
     **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
     **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
 }
+MOST_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
-_LENGTHS = "like 2m or 50mm"
 
 
 class QuantityError(ValueError):
@@ -41,58 +46,53 @@ class Percentile:
         return f"percentile({self.percent:.9g})"
 
 
+def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
+    """The value that a parser reads from a text.
+
+    Raises:
+        UsageProblem: the text makes no sense; the error names ``where`` it stands.
+    """
+    try:
+        return parse(*texts)
+    except QuantityError as error:
+        raise UsageProblem(where, error.problem, error.remedy) from None
+
+
 def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
-    number, unit = _split(text, "a length", f"write a number with a unit, {_LENGTHS}")
-    if not unit:
-        raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {_LENGTHS}")
-    if unit not in MM_PER_UNIT:
-        known = ", ".join(MM_PER_UNIT)
-        raise QuantityError(f"'{text}' has an unknown unit", f"use one of {known}")
-    return _positive(float(number * Decimal(MM_PER_UNIT[unit])), text, _LENGTHS)
+    return _positive(text, "a length", "like 2m or 50mm", _MM)
 
 
 def focus(text: str) -> float | Percentile:
     """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
     if text.strip().lower() in ("inf", "infinity"):
         return math.inf
-    found = _PERCENTILE.fullmatch(text)
-    if not found:
-        return length(text)
-    return Percentile(percentage(found[1]))
+    match = _PERCENTILE.fullmatch(text)
+    return Percentile(percentage(match[1])) if match else length(text)
 
 
 def percentage(text: str) -> float:
     """A number from 0 to 100, from ``5`` or ``5%``."""
-    example = "write one from 0 to 100, like 50"
-    number, unit = _split(text.strip().removesuffix("%"), "a percentage", example)
-    if unit or not 0 <= number <= 100:
-        raise QuantityError(f"'{text}' is not a percentage", example)
-    return float(number)
+    percent = _number(text.strip().removesuffix("%"), "a percentage", "like 50", {"": 1})
+    if not 0 <= percent <= 100:
+        raise QuantityError(f"'{text}' is not a percentage", "write one from 0 to 100, like 50")
+    return float(percent)
 
 
 def pixel_count(text: str) -> float:
     """A positive length in the picture, from ``40px`` or ``40``."""
-    number, unit = _split(text, "a length in px", "write it like 40px")
-    if unit not in ("", "px"):
-        raise QuantityError(f"'{text}' has an unknown unit", "write it like 40px")
-    return _positive(float(number), text, "like 40px")
+    return _positive(text, "a length in px", "like 40px", {"": 1, "px": 1})
 
 
 def fnumber(text: str) -> float:
     """A positive f-number, from ``1.4`` or ``f/1.4``."""
-    number, unit = _split(text.lower().removeprefix("f/"), "an f-number", "write it like 1.4")
-    if unit:
-        raise QuantityError(f"'{text}' is not an f-number", "write it without a unit, like 1.4")
-    return _positive(float(number), text, "like 1.4")
+    return _positive(text.lower().removeprefix("f/"), "an f-number", "like 1.4", {"": 1})
 
 
 def angle(text: str) -> float:
     """An angle in degrees, from ``15`` or ``15deg``."""
-    number, unit = _split(text.replace("°", "deg"), "an angle", "write degrees, like 15deg")
-    if unit not in ("", "deg"):
-        raise QuantityError(f"'{text}' has an unknown unit", "write degrees, like 15deg")
-    degrees = float(number)
+    units = {"": 1, "deg": 1}
+    degrees = float(_number(text.replace("°", "deg"), "an angle", "like 15deg", units))
     if abs(degrees) > 360:
         raise QuantityError(f"'{text}' is more than a turn", "give -360 to 360 degrees")
     return degrees
@@ -115,23 +115,23 @@ def blades(text: str) -> int:
 
 def pixel(text: str) -> tuple[int, int]:
     """A pixel (x, y), counted from 0 at the upper left, from ``X,Y``."""
-    found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
-    if not found:
+    match = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
+    if not match:
         raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def byte_count(text: str) -> int:
     """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
-    number, unit = _split(text, "a size", "write it like 2GB")
-    if not unit:
-        raise QuantityError(f"'{text}' has no unit", "write it with a unit, like 2GB")
-    if unit not in _BYTES:
-        raise QuantityError(f"'{text}' has an unknown unit", f"use one of {', '.join(_BYTES)}")
-    count = int(number * _BYTES[unit])
+    count = int(_number(text, "a size", "like 2GB", _BYTES))
     if count < 1:
         raise QuantityError(f"'{text}' holds no byte", "write it like 2GB")
     return count
+
+
+def text_of(value: object) -> str:
+    """A value as TOML, JSON or CSV hold it, as the text that the command line would take."""
+    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def length_text(mm: float, digits: int = 6) -> str:
@@ -141,14 +141,22 @@ def length_text(mm: float, digits: int = 6) -> str:
     return f"{mm / 1000:.{digits}g}m" if abs(mm) >= 1000 else f"{mm:.{digits}g}mm"
 
 
-def _split(text: str, what: str, remedy: str) -> tuple[Decimal, str]:
-    found = _NUMBER.fullmatch(text)
-    if not found:
-        raise QuantityError(f"'{text}' is not {what}", remedy)
-    return Decimal(found[1]), found[2].lower()
+def _number(text: str, what: str, example: str, units: Mapping[str, str | int]) -> Decimal:
+    """A number times the value of its unit; a unit of no letters is a plain number."""
+    match = _NUMBER.fullmatch(text)
+    if not match:
+        raise QuantityError(f"'{text}' is not {what}", f"write it {example}")
+    unit = match[2].lower()
+    if unit in units:
+        return Decimal(match[1]) * Decimal(units[unit])
+    if not unit:
+        raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {example}")
+    known = " or ".join(filter(None, units)) or "no unit"
+    raise QuantityError(f"'{text}' has an unknown unit", f"use {known}, {example}")
 
 
-def _positive(value: float, text: str, example: str) -> float:
+def _positive(text: str, what: str, example: str, units: Mapping[str, str | int]) -> float:
+    value = float(_number(text, what, example, units))
     if not 0 < value < math.inf:
         raise QuantityError(f"'{text}' is not positive and finite", f"give one that is, {example}")
     return value

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.lens_options import PARSERS, parsed, refuse_both, text_of
-from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage
+from defocus_cli.jobs.job import Draw, Lens
+from defocus_cli.jobs.lens_options import PARSERS, lens_of, parsed, refuse_contradiction
+from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage, read_at, text_of
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem, reason
 
@@ -24,40 +25,25 @@ if TYPE_CHECKING:
     from defocus_core import Distribution
 
 KEYS = ("n", "seed", "max-coc", *PARSERS)
-MOST_DRAWS = 1_000_000
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 _NOT_RANGED = ("blades", "focus-at")
 
 
-@dataclass(frozen=True)
-class Draw:
-    """Which of the random lenses this is.
+def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
+    """The lens of a draw.
 
-    Attributes:
-        seed: what the user chose.
-        picture: the picture's name.
-        index: which of the draws for it.
-        options: all options of the lens as texts, those that are drawn and those that are not.
-        attempt: how many draws did not suit the picture before this one.
+    Args:
+        draw: its seed, picture, number and options.
+        source: how errors about the focus begin.
+        max_coc: largest CoC radius in px that it may have in its picture.
     """
+    from defocus_core import drawn
 
-    seed: int
-    picture: str
-    index: int
-    options: tuple[tuple[str, str], ...]
-    attempt: int = 0
-
-    def values(self) -> dict[str, Any]:
-        """Options of the lens, parsed or drawn."""
-        from defocus_core import drawn
-
-        options = {
-            name: distribution(name, text) or parsed(name, text) for name, text in self.options
-        }
-        values = drawn(options, self.seed, self.picture, self.index, self.attempt)
-        if getattr(options.get("focus"), "kind", "") == "percentile":
-            values["focus"] = Percentile(values["focus"])
-        return values
+    options = {name: distribution(name, text) or parsed(name, text) for name, text in draw.options}
+    values = drawn(options, draw.seed, draw.picture, draw.index, draw.attempt)
+    if getattr(options.get("focus"), "kind", "") == "percentile":
+        values["focus"] = Percentile(values["focus"])
+    return replace(lens_of(values, source), max_coc=max_coc, draw=draw)
 
 
 @dataclass(frozen=True)
@@ -70,7 +56,7 @@ class Sampling:
 
 
 def read_sampling(table: Table) -> Sampling:
-    """What ``[sample]`` asks for; a count of 0 if there is no such table.
+    """The sampling of ``[sample]``; a count of 0 if there is no such table.
 
     Raises:
         UsageProblem: a key is unknown or missing, or a distribution makes no sense.
@@ -79,36 +65,24 @@ def read_sampling(table: Table) -> Sampling:
         return Sampling()
     table.refuse_unknown(KEYS)
     count, seed = table.whole("n", 1), table.whole("seed", 0)
-    for key, value in (("n", count), ("seed", seed)):
-        if value is None:
-            raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
-    assert count is not None
-    assert seed is not None
-    if count > MOST_DRAWS:
-        raise UsageProblem(table.place("n"), f"{count} is too many", f"at most {MOST_DRAWS}")
+    if count is None or seed is None:
+        key = "n" if count is None else "seed"
+        raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
     options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
-    refuse_both(options, f"{table.file}: [sample] ")
+    refuse_contradiction(options, f"{table.file}: [sample] ")
     for name, text in options.items():
-        _require_distribution(name, text, table.place(name))
+        if read_at(table.place(name), distribution, name, text) is None:
+            remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
+            raise UsageProblem(table.place(name), f"'{text}' is nothing to draw from", remedy)
     if not options:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
         raise UsageProblem(f"{table.file}: [sample]", "draws no option of the lens", remedy)
     return Sampling(count, seed, options)
 
 
-def _require_distribution(name: str, text: str, where: str) -> None:
-    try:
-        found = distribution(name, text)
-    except QuantityError as error:
-        raise UsageProblem(where, error.problem, error.remedy) from None
-    if found is None:
-        remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
-        raise UsageProblem(where, f"'{text}' is nothing to draw from", remedy)
-
-
 @lru_cache(maxsize=4096)
 def distribution(name: str, text: str) -> Distribution | None:
-    """What the option ``name`` is drawn from; None if the text is a plain value.
+    """The distribution that an option is drawn from; None if the text is a plain value.
 
     Raises:
         QuantityError: the text makes no sense.

@@ -14,10 +14,16 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from defocus_cli.jobs import lens_options
-from defocus_cli.jobs.lens_options import PARSERS, parsed, tag, text_of, written
-from defocus_cli.jobs.quantities import Percentile, QuantityError
-from defocus_cli.jobs.toml_file import Table
+from defocus_cli.jobs.lens_options import (
+    LENGTHS,
+    PARSERS,
+    checked,
+    parsed,
+    refuse_contradiction,
+    tag,
+)
+from defocus_cli.jobs.quantities import Percentile
+from defocus_cli.jobs.toml_file import Table, refuse_unknown
 from defocus_cli.system.errors import UsageProblem
 
 MOST_LENSES = 100_000
@@ -33,20 +39,19 @@ _SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = 
 
 @dataclass(frozen=True)
 class Point:
-    """One lens of a sweep: what it adds to a picture's name, and its options as texts."""
+    """One lens of a sweep: the suffix of its samples, and its swept options as texts."""
 
     suffix: str
     options: Mapping[str, str]
 
 
 def read_sweep(table: Table) -> list[Point]:
-    """The lenses of ``[sweep]``: the first option changes slowest. One without any if it is empty.
+    """The lenses of ``[sweep]``, the first option slowest; one lens without options if it is empty.
 
     Raises:
         UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
     """
-    known = (*PARSERS, "lenses")
-    table.refuse_unknown(known)
+    table.refuse_unknown((*PARSERS, "lenses"))
     axes = [
         [{name: text} for text in _values(name, table.values[name], table.place(name))]
         for name in PARSERS
@@ -71,7 +76,7 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
                 problem = "is in lenses, too"
                 raise UsageProblem(table.place(twice), problem, "sweep it in one place")
             options |= part
-        lens_options.refuse_both(options, f"{table.file}: [sweep] ")
+        refuse_contradiction(options, f"{table.file}: [sweep] ")
         names = (name for name in PARSERS if name in options)
         suffix = "".join(f"_{tag(name, parsed(name, options[name]))}" for name in names)
         if suffix in points:
@@ -88,7 +93,7 @@ def _values(name: str, value: object, where: str) -> list[str]:
     if not isinstance(value, list) or not value:
         remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
         raise UsageProblem(where, f"{value!r} is no list of values", remedy)
-    return [_checked(name, text_of(one), where) for one in value]
+    return [checked(name, one, where) for one in value]
 
 
 def _sets(table: Table) -> list[dict[str, str]]:
@@ -96,64 +101,44 @@ def _sets(table: Table) -> list[dict[str, str]]:
     if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
         raise UsageProblem(where, "is no list of lenses", remedy)
-    for name in {name for one in sets for name in one}:
-        lens_options.refuse_unknown(name, where, "a lens")
+    refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
     return [
-        {name: _checked(name, text_of(value), f"{where}: {name}") for name, value in one.items()}
+        {name: checked(name, value, f"{where}: {name}") for name, value in one.items()}
         for one in sets
     ]
 
 
-def _checked(name: str, text: str, where: str) -> str:
-    try:
-        parsed(name, text)
-    except QuantityError as error:
-        raise UsageProblem(where, error.problem, error.remedy) from None
-    return text
-
-
 def _range(name: str, text: str, where: str) -> list[str]:
-    found = _RANGE.fullmatch(text.strip())
-    if not found:
+    """Texts of the values of a range; its ends are as they are written, values between rounded."""
+    match = _RANGE.fullmatch(text.strip())
+    if not match:
         raise UsageProblem(where, f"'{text}' is no range", _RANGE_EXAMPLE)
-    low, high = (_end(name, found[side], where) for side in (1, 2))
-    count, scale = int(found[3]), found[4] or ("disparity" if name == "focus" else "steps")
+    low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
     fit = ("disparity", "depth", "log") if name == "focus" else ("steps", "log")
-    if scale not in fit:
-        raise UsageProblem(
-            where, f"{name} has no steps in {scale}", f"write in {' or in '.join(fit)}"
-        )
-    if count < 2:
-        raise UsageProblem(
-            where, f"{count} is no number of steps", "give 2 or more, both ends count"
-        )
-    if scale != "disparity" and math.inf in (low, high):
-        raise UsageProblem(where, f"cannot reach inf in {scale}", "write in disparity")
-    if scale == "log" and min(low, high) <= 0:
-        raise UsageProblem(where, "needs ends above 0 in log", "write in steps")
-    values = [_between(low, high, index / (count - 1), scale) for index in range(count)]
-    if name == "blades":
-        values = [_whole(value, where) for value in values]
-    return [_checked(name, written(name, value), where) for value in values]
+    count, scale = int(match[3]), match[4] or fit[0]
+    for wrong, problem, remedy in (
+        (scale not in fit, f"{name} has no steps in {scale}", f"write in {' or in '.join(fit)}"),
+        (count < 2, f"{count} is no number of steps", "give 2 or more, both ends count"),
+        (
+            scale != "disparity" and math.inf in (low, high),
+            f"cannot reach inf in {scale}",
+            "write in disparity",
+        ),
+        (scale == "log" and min(low, high) <= 0, "needs ends above 0 in log", "write in steps"),
+    ):
+        if wrong:
+            raise UsageProblem(where, problem, remedy)
+    to, back = _SCALES[scale]
+    shares = (index / (count - 1) for index in range(1, count - 1))
+    between = [back((1 - share) * to(low) + share * to(high)) for share in shares]
+    values = [low, *(float(f"{value:.6g}") for value in between), high]
+    unit = "mm" if name in LENGTHS else ""
+    texts = [str(value).removesuffix(".0") + unit * math.isfinite(value) for value in values]
+    return [checked(name, text, where) for text in texts]
 
 
 def _end(name: str, text: str, where: str) -> float:
-    value: Any = parsed(name, _checked(name, text.strip(), where))
+    value: Any = parsed(name, checked(name, text, where))
     if isinstance(value, Percentile | tuple):
-        remedy = "write a list of values"
-        raise UsageProblem(where, f"'{text.strip()}' is no end of a range", remedy)
+        raise UsageProblem(where, f"'{text}' is no end of a range", "write a list of values")
     return float(value)
-
-
-def _between(low: float, high: float, share: float, scale: str) -> float:
-    """The value at a share of the range, of six digits; its ends as they are."""
-    if share in (0, 1):
-        return high if share else low
-    to, back = _SCALES[scale]
-    return float(f"{back((1 - share) * to(low) + share * to(high)):.6g}")
-
-
-def _whole(value: float, where: str) -> int:
-    if value != int(value):
-        raise UsageProblem(where, f"gets to {value:g} blades", "write a list, like [5, 6, 8]")
-    return int(value)

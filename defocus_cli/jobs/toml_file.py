@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from defocus_cli.jobs.quantities import QuantityError
+from defocus_cli.jobs.quantities import read_at, text_of
 from defocus_cli.system.errors import InputError, UsageProblem, did_you_mean, reason
 
 T = TypeVar("T")
-LARGEST_FILE = 2**20  # bytes
+LARGEST_FILE = 2**26  # bytes
 
 
-def read_toml(file: Path, *, what: str, remedy: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
+def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
     """The tables and values of a TOML file.
 
     Args:
         file: the file.
-        what: what the file should be, like ``lens file``.
-        remedy: what to give instead of a file that is none.
-        largest: bytes that no such file exceeds.
+        what: the kind of file, like ``lens file``, for errors.
+        remedy: the remedy if the file is of another kind.
 
     Raises:
         InputError: the file cannot be read as TOML.
     """
     try:
-        return tomllib.loads(_text(file, what, remedy, largest))
+        return tomllib.loads(_text(file, what, remedy))
     except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
         raise InputError(file, f"is not TOML: {reason(error)}", "mend that line") from None
 
@@ -46,17 +45,8 @@ class Table:
         return f"{self.file}: [{self.name}] {key}"
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
-        """Refuse keys other than ``known``.
-
-        Raises:
-            UsageProblem: naming the key, and the known one that it resembles.
-        """
-        for key in self.values:
-            if key not in known:
-                remedy = did_you_mean(
-                    key.replace("_", "-"), known, f"[{self.name}] knows {', '.join(known)}"
-                )
-                raise UsageProblem(f"{self.file}: [{self.name}]", f"unknown key '{key}'", remedy)
+        """Refuse keys other than ``known``, as the function does."""
+        refuse_unknown(self.values, known, f"{self.file}: [{self.name}]", f"[{self.name}]")
 
     def text(self, key: str) -> str | None:
         """A text, or None."""
@@ -69,21 +59,21 @@ class Table:
 
     def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
         """A quantity, or None."""
-        value = self.text(key)
-        if value is None:
+        if key not in self.values:
             return None
-        try:
-            return parse(value)
-        except QuantityError as error:
-            raise UsageProblem(self.place(key), error.problem, error.remedy) from None
+        return read_at(self.place(key), parse, text_of(self.values[key]))
 
     def choice(self, key: str, known: Sequence[str]) -> str | None:
         """One of the ``known`` words, or None."""
-        value = self.values.get(key)
-        if value is None or value in known:
-            return value
-        remedy = did_you_mean(str(value), known, f"choose from {', '.join(known)}")
-        raise UsageProblem(self.place(key), f"'{value}' is not known", remedy)
+        return self.one_of(known, key, self.values[key]) if key in self.values else None
+
+    def one_of(self, known: Sequence[str], key: str, word: object) -> str:
+        """A word below ``key`` that must be one of the ``known``."""
+        for each in known:
+            if each == word:
+                return each
+        remedy = did_you_mean(str(word), known, f"choose from {', '.join(known)}")
+        raise UsageProblem(self.place(key), f"'{word}' is not known", remedy)
 
     def flag(self, key: str) -> bool | None:
         """True or false, or None."""
@@ -102,6 +92,27 @@ class Table:
         raise UsageProblem(self.place(key), problem, f"write it like {max(least, 1)}")
 
 
+def refuse_unknown(
+    keys: Iterable[str], known: Sequence[str], where: str | Path, owner: str, what: str = "key"
+) -> None:
+    """Refuse keys, or table names, of a file that are not known.
+
+    Args:
+        keys: the keys.
+        known: the keys that are allowed.
+        where: the place, for errors.
+        owner: the file or table that knows them, like ``a lens file``.
+        what: the noun for one of them.
+
+    Raises:
+        UsageProblem: naming the key, and the known one that it resembles.
+    """
+    for key in keys:
+        if key not in known:
+            remedy = did_you_mean(key.replace("_", "-"), known, f"{owner} knows {', '.join(known)}")
+            raise UsageProblem(where, f"unknown {what} '{key}'", remedy)
+
+
 def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
     """The table of that name; empty if there is none.
 
@@ -115,15 +126,15 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
     return Table(file, name, values)
 
 
-def _text(file: Path, what: str, remedy: str, largest: int) -> str:
+def _text(file: Path, what: str, remedy: str) -> str:
     try:
         with file.open("rb") as opened:
-            data = opened.read(largest + 1)  # not all of /dev/zero
+            data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
         text = data.decode("utf-8-sig")
     except OSError as error:
         raise InputError(file, f"cannot be read: {reason(error)}", remedy) from None
     except UnicodeDecodeError:
         raise InputError(file, "is not a text file", remedy) from None
-    if "\0" in text or len(data) > largest:
+    if "\0" in text or len(data) > LARGEST_FILE:
         raise InputError(file, f"is not a {what}", remedy)
     return text

@@ -29,7 +29,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 from defocus_cli.journal.record_check import fault_of, folders_outside
@@ -101,49 +100,32 @@ def read(path: Path) -> list[Record]:
     except OSError as error:
         remedy = "check its permissions"
         raise InputError(path, f"cannot be read: {reason(error)}", remedy) from error
-    lines = data.split(b"\n")
-    while lines and not lines[-1]:
+    lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
+    if lines and not _is_whole(lines[-1][1]):
         lines.pop()
     outside = folders_outside(path.parent)
     records: list[Record] = []
     with without_collections():
         for start in range(0, len(lines), _BLOCK):
-            block = lines[start : start + _BLOCK]
-            block_records = _parsed_block(block, outside)
-            if block_records is None:
-                one_by_one = _one_by_one(path, block, outside, start, last=len(lines))
-                block_records = list(one_by_one)
-            records += block_records
+            records += _block(path, lines[start : start + _BLOCK], outside)
     return records
 
 
-def _parsed_block(lines: Sequence[bytes], outside: frozenset[str]) -> list[Record] | None:
-    """The records of lines that are all whole, keys shared; None if one line is no record."""
+def _block(
+    path: Path, numbered: Sequence[tuple[int, bytes]], outside: frozenset[str]
+) -> list[Record]:
+    """The records of some lines, which share their keys in memory."""
+    records: list[Any] = []
     with suppress(ValueError, RecursionError):
-        records: list[Record] = _parsed(b"[" + b",".join(filter(None, lines)) + b"]")
-        if not any(fault_of(record, outside) for record in records):
-            return records
-    return None
-
-
-def _one_by_one(
-    path: Path, lines: Sequence[bytes], outside: frozenset[str], start: int, *, last: int
-) -> Iterator[Record]:
-    """The records of lines, each checked by itself, less the last line of all if it is torn."""
-    for number, line in enumerate(lines, start + 1):
-        if not line:
-            continue
-        if _is_whole(line):
-            record = _parsed(line)
-            fault = fault_of(record, outside)
-        elif number == last:
-            return
-        else:
-            record, fault = None, "is broken"
+        records = _parsed(b"[" + b",".join(line for _, line in numbered) + b"]")
+    if len(records) != len(numbered):
+        records = [_parsed(line) if _is_whole(line) else None for _, line in numbered]
+    for (number, line), record in zip(numbered, records, strict=True):
+        fault = "is broken" if record is None else fault_of(record, outside)
         if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
             raise InputError(path, f"line {number}{_of_sample(line)} {fault}", remedy)
-        yield record
+    return records
 
 
 def _of_sample(line: bytes) -> str:
@@ -182,6 +164,11 @@ def _is_whole(line: bytes) -> bool:
     return False
 
 
+def files_of(record: Record) -> list[str]:
+    """The outputs that a record speaks of, relative to OUT."""
+    return [stamp["path"] for stamp in record["outputs"].values()]
+
+
 def input_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
     if path.is_absolute():
@@ -207,10 +194,9 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.count = 0
         self._new = not path.exists()
         try:
-            self._number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             self._cut_torn_tail()
         except OSError as error:
             raise unwritable(path, error) from error
@@ -235,17 +221,11 @@ class Journal:
         if self._new:
             sync_folder(self.path.parent)
             self._new = False
-        self.count += 1
 
     def __enter__(self) -> Journal:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
                 self._require_in_place()
@@ -263,16 +243,11 @@ class Journal:
 
     def _cut_torn_tail(self) -> None:
         """Remove a record that was being written when its writer died; end the last whole line."""
-        size = os.fstat(self._number).st_size
-        tail, start = b"", size
-        while start and b"\n" not in tail.rstrip(b"\n"):
-            step = min(2**16, start)
-            start -= step
-            tail = os.pread(self._number, step, start) + tail
-        last = tail.rstrip(b"\n").rpartition(b"\n")[2]
+        data = self.path.read_bytes()
+        last = data.rstrip(b"\n").rpartition(b"\n")[2]
         if last and not _is_whole(last):
-            os.ftruncate(self._number, size - len(tail) + tail.rindex(last))
-        elif last and not tail.endswith(b"\n"):
+            os.ftruncate(self._number, data.rindex(last))
+        elif last and not data.endswith(b"\n"):
             os.write(self._number, b"\n")
 
 

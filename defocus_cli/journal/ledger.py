@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from defocus_cli.formats.kinds import KINDS, PREVIEW
+from defocus_cli.formats.kinds import PREVIEW
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
-from defocus_cli.journal.journal import Record, input_path, without_collections
+from defocus_cli.journal.journal import Record, files_of, input_path, without_collections
 from defocus_cli.system.errors import InputError
 
 
@@ -27,7 +27,7 @@ class Ledger:
         self._last: dict[str, Record] = {}
         with without_collections():
             for record in records:
-                for path in _files(record):
+                for path in files_of(record):
                     self._last.pop(path, None)  # the last comes last
                     self._last[path] = record
                     if record["status"] == "ok":
@@ -43,19 +43,18 @@ class Ledger:
         """Whether a record speaks of a file that a job writes."""
         return any(name in self._last for name in job.names.values())
 
-    def replaced(self, job: Job) -> list[Record]:
-        """The records of finished jobs of which a job replaces some files, but not all."""
-        if not self.knows(job):
-            return []
-        every = replace(job.outputs, kinds=tuple(KINDS), preview=True).names(job.sample_id)
-        own = set(job.names.values())
-        others = {id(record): record for name in every.values() if (record := self._last.get(name))}
-        return [
-            record
-            for record in others.values()
-            if record["status"] == "ok"
-            and 0 < len(own & set(_files(record))) < len(record["outputs"])
-        ]
+    def previews_replaced(self, job: Job) -> dict[str, identity.Stamp]:
+        """Path and stamp of the previews of pictures that a job replaces, and which it leaves."""
+        if job.outputs.preview or not self.knows(job):
+            return {}
+        with_previews = replace(job.outputs, preview=True).names(job.sample_id)
+        return {
+            path: record["outputs"][name]
+            for name, path in with_previews.items()
+            if name.endswith(PREVIEW)
+            and (record := self._last.get(path)) is not None
+            and record["status"] == "ok"
+        }
 
     def settled(self, job: Job, *, recipe: str, read_inputs: bool) -> Record | None:
         """The record by which a job need not be done again; None if it has to be.
@@ -93,7 +92,7 @@ class Ledger:
 
     def has(self, record: Record) -> bool:
         """Whether this very record is one that the journals have, and not superseded."""
-        return any(self._last.get(path) is record for path in _files(record))
+        return any(self._last.get(path) is record for path in files_of(record))
 
     def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
         """Refuse to replace outputs of another picture that has the same name.
@@ -127,7 +126,3 @@ class Ledger:
         return set(outputs) == set(planned) and all(
             identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
         )
-
-
-def _files(record: Record) -> Iterator[str]:
-    return (stamp["path"] for stamp in record["outputs"].values())

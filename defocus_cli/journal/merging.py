@@ -29,7 +29,6 @@ def merge(out: Path) -> Merged:
     journal.require_journal(out)
     with locked(out, say=console.say) as require_lock:
         shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]
-        left = {shard: run_file.left(out, shard) for shard in shards}
         records = journal.read_all(out)
         require_lock()
         if shards:
@@ -38,11 +37,9 @@ def merge(out: Path) -> Merged:
             sync_folder(out)  # before what it is made of is gone
         for shard in shards:
             journal.journal_path(out, shard).unlink()
-            plan = run_file.plan_of(out, shard)
-            if plan is None:
-                continue
-            console.say(f"{out}: warning: shard {shard.number}/{shard.of} did not get to its end")
-            run_file.count_down(out, shard, left[shard])
+            if run_file.run_path(out, shard).exists():
+                problem = f"shard {shard.number}/{shard.of} did not get to its end"
+                console.say(f"{out}: warning: {problem}")
         run_file.sweep_up(out)
     return Merged(len(Ledger(out, records).live), len(shards), _missing(shards))
 

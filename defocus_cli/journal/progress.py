@@ -8,7 +8,15 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-from defocus_cli.journal.journal import Record, Shard, in_order, journal_path, read, shards
+from defocus_cli.journal.journal import (
+    Record,
+    Shard,
+    files_of,
+    in_order,
+    journal_path,
+    read,
+    shards,
+)
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.journal.lock import holder
 from defocus_cli.journal.run_file import plan_of, run_path
@@ -97,18 +105,12 @@ def _add_run(
         state.running.append(who)
     if plan is None:
         return
-    own = [record for record in records if record["finished"] >= plan["begun"]]
-    left = max(plan["left"] - len(own), 0)
-    state.left += left
-    if left and plan.get("again"):
-        before = {name for one in every if one["finished"] < plan["begun"] for name in _files(one)}
-        replaced = sum(not before.isdisjoint(_files(record)) for record in own)
-        state.again += min(max(plan["again"] - replaced, 0), left)
+    left = plan.left(every)
+    known = {name for record in every for name in files_of(record)} if left else set()
+    state.left += len(left)
+    state.again += sum(not known.isdisjoint(files) for files in left)
+    own = [record for record in records if record["finished"] >= plan.begun]
     if own:
         until = datetime.now(UTC) if who else datetime.fromisoformat(own[-1]["finished"])
-        since = (until - datetime.fromisoformat(plan["begun"])).total_seconds()
+        since = (until - datetime.fromisoformat(plan.begun)).total_seconds()
         state.rate = (state.rate or 0.0) + len(own) / max(since, 1e-3)
-
-
-def _files(record: Record) -> list[str]:
-    return [stamp["path"] for stamp in record["outputs"].values()]

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.batch.execution import Execute
+from defocus_cli.batch.plan import Execute
 from defocus_cli.jobs.job import Job, Machine
 from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.journal.journal import Shard

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs.job import Lens
-from defocus_cli.jobs.lens_file import make_lens
-from defocus_cli.jobs.lens_options import PARSERS
+from defocus_cli.jobs.lens_options import PARSERS, make_lens
 from defocus_cli.options.types import Decorator, FilePath, Quantity, bundle, grouped_option
 
 _LENS_HELP = {

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from defocus_cli.formats.kinds import FORMAT_ALIASES, SUFFIXES
-from defocus_cli.jobs import quantities
+from defocus_cli.jobs.quantities import read_at
 from defocus_cli.system.errors import UsageProblem
 
 Command = Callable[..., Any]
@@ -45,12 +45,7 @@ class Quantity(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse ``value``; what is parsed already passes."""
-        if not isinstance(value, str):
-            return value
-        try:
-            return self.parse(value)
-        except quantities.QuantityError as error:
-            raise UsageProblem(option_name(param), error.problem, error.remedy) from None
+        return read_at(option_name(param), self.parse, value) if isinstance(value, str) else value
 
 
 class Listed(click.ParamType[tuple[Any, ...]]):

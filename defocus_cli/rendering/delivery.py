@@ -1,8 +1,9 @@
-"""The files of a rendered job, all written or none."""
+"""Writing the images and maps of a job: all files or none."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.quantities import length_text
@@ -14,9 +15,8 @@ from defocus_cli.system.safe_files import written_together
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from defocus_cli.formats.color import Color
     from defocus_cli.formats.kinds import Kind
-    from defocus_cli.rendering.outcome import Outcome
+    from defocus_cli.rendering.outcome import Outcome, Rendering
 
 
 class _OfRadius:
@@ -31,70 +31,62 @@ class _OfRadius:
         return values
 
 
-def deliver(
-    color: Color,
-    radius: Any,
-    images: Mapping[str, tuple[Any, ...]],
-    clamped: Mapping[str, int],
-    outcome: Outcome,
-) -> tuple[str, ...]:
-    """Write what a job asks for, all or nothing.
-
-    Args:
-        color: what was read, with the metadata and further channels to carry along.
-        radius: signed CoC radius in px, [H, W].
-        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
-        clamped: how many pixels of a kind were clamped to be half.
-        outcome: what the header of an EXR tells about the job.
-
-    Returns:
-        What the files could not hold, for people.
+def write(rendering: Rendering) -> Outcome:
+    """Write the files of a job, all or none; its outcome, with warnings of what they cannot hold.
 
     Raises:
         InputError: a file cannot be written.
     """
+    outcome, outputs = rendering.outcome, rendering.outcome.job.outputs
+    if not outputs.root.is_dir():  # created again, it would have no journal
+        problem = "was removed while jobs were done"
+        raise InputError(outputs.root, problem, "run the same command again")
+    with written_together():
+        warnings = [warning for kind in outputs.rows for warning in _write_kind(rendering, kind)]
+    if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
+        warnings += rendering.color.left_out
+    return replace(outcome, warnings=(*outcome.warnings, *warnings))
+
+
+def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
+    """Write the file of a kind, and its preview if there is to be one; the warnings."""
     from defocus_cli.formats.encode import write_image
     from defocus_cli.formats.exr import write_exr
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
-    outputs = outcome.job.outputs
-    paths, previews = outcome.job.paths, outcome.job.previews
-    warnings: list[str] = []
-    if not outputs.root.is_dir():  # made anew, it would have no journal
-        problem = "was removed while jobs were done"
-        raise InputError(outputs.root, problem, "run the same command again")
-    with written_together():
-        for kind in outputs.rows:
-            path, preview = paths[kind.name], previews.get(kind.name)
-            planes = (_OfRadius(radius, kind.of_radius),) if kind.of_radius else images[kind.name]
-            attributes = _attributes(outcome, kind)
-            if kind.image:
-                lost = write_image(
-                    path,
-                    Stack(planes),
-                    color.channels,
-                    exr_type=outputs.exr_type,
-                    bits=16 if outputs.format == "png16" else 8,
-                    jpeg_quality=outputs.jpeg_quality,
-                    attributes={**color.attributes, **attributes},
-                    extras=color.extras,
-                    corner=color.corner,
-                    clamped=clamped.get(kind.name, 0),
-                )
-                warnings += [f"{kind.name}: {warning}" for warning in lost]
-            else:
-                write_exr(path, {kind.name: planes[0]}, attributes, color.corner)
-            if preview is not None and kind.of_radius:
-                write_signed_preview(preview, planes[0])
-            elif preview is not None:
-                write_preview(preview, Stack(planes))
-    if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
-        warnings += color.left_out
-    return tuple(warnings)
+    color, job, warnings = rendering.color, rendering.outcome.job, []
+    path, preview = job.paths[kind.name], job.previews.get(kind.name)
+    planes = (
+        (_OfRadius(rendering.radius, kind.of_radius),)
+        if kind.of_radius
+        else rendering.images[kind.name]
+    )
+    attributes = _attributes(rendering.outcome, kind)
+    if kind.image:
+        lost = write_image(
+            path,
+            Stack(planes),
+            color.channels,
+            exr_type=job.outputs.exr_type,
+            bits=16 if job.outputs.format == "png16" else 8,
+            jpeg_quality=job.outputs.jpeg_quality,
+            attributes={**color.attributes, **attributes},
+            extras=color.extras,
+            corner=color.corner,
+            clamped=rendering.clamped.get(kind.name, 0),
+        )
+        warnings = [f"{kind.name}: {warning}" for warning in lost]
+    else:
+        write_exr(path, {kind.name: planes[0]}, attributes, color.corner)
+    if preview is not None and kind.of_radius:
+        write_signed_preview(preview, planes[0])
+    elif preview is not None:
+        write_preview(preview, Stack(planes))
+    return warnings
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
-    """What an EXR output says of itself: no directory and no time, so that its bytes are fixed."""
+    """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
     job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
     values = {
         "version": version(),
@@ -103,7 +95,7 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "depth": job.picture.depth.name,
         "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
         "color_read_as": outcome.color_note,
-        "depth_read_as": outcome.depth_told(rendered=kind.rendered),
+        "depth_read_as": outcome.depth_words(rendered=kind.rendered),
         "focal_length": length_text(lens.foclen, 9),
         "fnumber": f"{lens.fnum:.9g}",
         "sensor_width": length_text(lens.sensor_width, 9),

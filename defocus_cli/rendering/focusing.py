@@ -1,7 +1,7 @@
-"""The lens once the depth is known: its focus distance, its CoC, and the quality it asks for.
+"""The lens in front of a depth map: focus distance, CoC radius, and quality within a tolerance.
 
-A lens that was drawn at random and does not suit the picture is drawn again, `ATTEMPTS` times in
-all.
+A random lens whose blur exceeds ``max_coc``, or which cannot focus on the picture, is drawn again,
+`ATTEMPTS` times in all.
 """
 
 from __future__ import annotations
@@ -11,15 +11,11 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Lens, Machine
-from defocus_cli.jobs.lens_file import lens_of, refuse_near_focus
+from defocus_cli.jobs.lens_options import refuse_near_focus
 from defocus_cli.jobs.quantities import Percentile, length_text
+from defocus_cli.jobs.random_lenses import drawn_lens
 from defocus_cli.system.arrays import Keeping, bands
-from defocus_cli.system.errors import (
-    InputError,
-    Rejected,
-    UsageProblem,
-    reason,
-)
+from defocus_cli.system.errors import InputError, Rejected, UsageProblem, reason
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +30,7 @@ _FARTHEST_PX = 1e8  # what the renderer takes
 
 
 def focused(lens: Lens, depth: Depth) -> Lens:
-    """The lens with its focus distance known, and drawn anew where it did not suit the picture.
+    """The lens with its focus distance, drawn again if it does not suit the picture.
 
     Raises:
         UsageProblem: the focus lies outside the picture, or too near.
@@ -43,8 +39,11 @@ def focused(lens: Lens, depth: Depth) -> Lens:
     from defocus_core import ATTEMPTS
 
     for attempt in range(ATTEMPTS):
+        if attempt and lens.draw is not None:
+            draw = dataclasses.replace(lens.draw, attempt=attempt)
+            lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
         try:
-            return _suited(_found(_drawn(lens, attempt), depth), depth)
+            return _within_max_coc(_focused_once(lens, depth), depth)
         except Rejected as error:
             if lens.draw is None:
                 raise
@@ -65,7 +64,7 @@ def signed_radius(
     import torch
 
     depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
-    radius: NDArray[np.float32] = _thin(lens, size).signed_radius(depth_mm).float().numpy()
+    radius: NDArray[np.float32] = _thin_lens(lens, size).signed_radius(depth_mm).float().numpy()
     if not np.isfinite(radius).all():
         problem = f"f/{lens.fnum:g} blurs beyond all numbers in this picture"
         raise UsageProblem("--fnumber", problem, "check the lens options and the depth's unit")
@@ -78,11 +77,11 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     Raises:
         UsageProblem: there is no such lens.
     """
-    return _thin(lens, size).radius_at_infinity()
+    return _thin_lens(lens, size).radius_at_infinity()
 
 
 def repair_of(lens: Lens, depth: Depth) -> str:
-    """What would be done to a whole depth before it is rendered, in words; empty if nothing."""
+    """How a whole depth would be repaired before it is rendered, in words; empty if it is not."""
     import torch
 
     from defocus_cli.rendering.outcome import repair_words
@@ -97,7 +96,7 @@ def repair_of(lens: Lens, depth: Depth) -> str:
 
 
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
-    """The signed CoC radius in px of a whole frame [H, W], float32, and its least and greatest.
+    """The signed CoC radius in px of a whole frame [H, W], float32, and its smallest and largest.
 
     Raises:
         InputError: a depth is so near, or the focus, that no frame would hold the blur.
@@ -120,8 +119,8 @@ def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[f
     return whole, (min(ends), max(ends))
 
 
-def _thin(lens: Lens, size: tuple[int, int]) -> DefocusLens:
-    """The lens before a sensor of ``size`` (width, height) px."""
+def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
+    """The lens in front of a sensor of ``size`` (width, height) px."""
     import torch
 
     from defocus_core import DefocusLens
@@ -129,23 +128,17 @@ def _thin(lens: Lens, size: tuple[int, int]) -> DefocusLens:
     width, height = size
     sensor = (lens.sensor_width, lens.sensor_width * height / width)
     try:
-        thin = DefocusLens(lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64)
-        thin.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+        thin_lens = DefocusLens(
+            lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64
+        )
+        thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
     except ValueError as error:
         option = f"{lens.focus_source}focus"
         raise UsageProblem(option, reason(error), "check the lens options") from error
-    return thin
+    return thin_lens
 
 
-def _drawn(lens: Lens, attempt: int) -> Lens:
-    if lens.draw is None or attempt == 0:
-        return lens
-    draw = dataclasses.replace(lens.draw, attempt=attempt)
-    other = lens_of(draw.values(), lens.focus_source)
-    return dataclasses.replace(other, max_coc=lens.max_coc, draw=draw)
-
-
-def _found(lens: Lens, depth: Depth) -> Lens:
+def _focused_once(lens: Lens, depth: Depth) -> Lens:
     """The lens with the focus distance that the depth decides."""
     if lens.focus_at is not None:
         return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
@@ -174,15 +167,15 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
     from defocus_core import depth_percentile
 
     assert lens.focus_percentile is not None
-    found = depth_percentile(
+    metres = depth_percentile(
         lambda: (torch.from_numpy(depth.metres[rows]) for rows in bands(depth.metres.shape)),
         lens.focus_percentile,
         torch.float32,
     )
-    if found is None:
+    if metres is None:
         remedy = "give the focus as a distance"
         raise Rejected(depth.path, "is all sky, with nothing to focus on", remedy, "no-valid-depth")
-    foc_dist = found * MM_PER_M
+    foc_dist = metres * MM_PER_M
     if foc_dist <= lens.foclen:
         where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
         problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"
@@ -190,15 +183,15 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
     return foc_dist
 
 
-def _suited(lens: Lens, depth: Depth) -> Lens:
-    """The lens, unless its blur is larger than it may be in this picture."""
+def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
+    """The lens, unless its blur exceeds ``max_coc`` in this picture."""
     import numpy as np
 
     if lens.max_coc is None:
         return lens
     height, width = depth.metres.shape
-    of_bands = (depth.metres[rows] for rows in bands(depth.metres.shape))
-    ends = np.array([(metres.min(), metres.max()) for metres in of_bands])
+    strips = (depth.metres[rows] for rows in bands(depth.metres.shape))
+    ends = np.array([(metres.min(), metres.max()) for metres in strips])
     extremes = np.array([ends.min(), ends.max()])
     radius = float(np.abs(signed_radius(lens, extremes, (width, height))).max())
     if radius > lens.max_coc:

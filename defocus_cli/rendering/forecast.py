@@ -3,69 +3,79 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job
-from defocus_cli.rendering.calibration import work_per_second
-from defocus_cli.rendering.memory_budget import base_mb
-from defocus_cli.rendering.memory_fit import peak_mb
-from defocus_cli.rendering.outcome import repair_words
+from defocus_cli.rendering.memory_budget import base_mb, regions_at_once
+from defocus_cli.rendering.outcome import Outcome, repair_words
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import duration
 from defocus_cli.system.errors import UserError
+from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
     from defocus_core import Cost
 
-# Pictures of a batch that are looked at; the others are taken for alike.
+# Most pictures of a batch to decode for a forecast; the others count as their average.
 MOST_READ = 16
+# Kind, height, width and largest CoC radius in px of a scene that needs every step of rendering.
+_SCENE = ("thin", 540, 960, 16.0)
+_REPEATS = 2  # the fastest counts: a machine is never faster than it is
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Of one job.
+    """Work, time and memory of one job.
 
     Attributes:
-        job: what it is about.
-        size: (width, height) in px.
-        coc_px: smallest and largest signed radius.
-        read_seconds: that reading took.
-        cost: the work; None where only maps are written, which takes none.
-        seconds: of the rendering, as `render_seconds` will tell, within a factor of two.
-        peak_mb: a bound of the memory that the process, or the GPU, will hold.
-        scratch_mb: that its arrays take in scratch files; 0 if they are held in memory.
-        color_note: how its colour is read.
-        depth_note: how its depth is read.
-        repair_note: what would be done to it before it is rendered; empty if nothing.
+        outcome: the outcome as far as it is known before rendering.
+        read_seconds: time to decode the inputs, measured.
+        cost: the work; None if only maps are written, which needs no rendering.
+        seconds: time to render, right within a factor of two.
+        peak_mb: upper bound of the memory of the process, or of the GPU.
+        scratch_mb: size of its arrays in scratch files; 0 if they are held in memory.
     """
 
-    job: Job
-    size: tuple[int, int]
-    coc_px: tuple[float, float]
+    outcome: Outcome
     read_seconds: float
     cost: Cost | None
     seconds: float
     peak_mb: float
-    scratch_mb: float = 0.0
-    color_note: str = ""
-    depth_note: str = ""
-    repair_note: str = ""
+    scratch_mb: float
 
 
-def forecasts(
-    jobs: Sequence[Job], unusable: Callable[[UserError], object] | None = None
-) -> dict[int, Forecast]:
-    """Of all jobs by number, or of some spread evenly over many; inputs are read as to render.
+@cache
+def work_per_second(device: str, threads: int) -> float:
+    """Units of work that this machine does in a second, measured in a second or two."""
+    import torch
 
-    Args:
-        jobs: one or more.
-        unusable: told what would end a job, which then is none of those returned.
+    from defocus_core import Settings, Stream, cost, scenery
+
+    set_to_render()
+    image, radius = (part.to(device) for part in scenery(*_SCENE)[:2])
+    seconds = []
+    for _ in range(_REPEATS + 1):  # the first is for what a process does once
+        start = time.perf_counter()
+        stream = Stream(image, radius, Settings(threads=threads))
+        for _ in stream.regions():
+            pass
+        if device == "cuda":
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - start)
+    return cost(stream).work / min(seconds[1:])
+
+
+def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[UserError]]:
+    """Forecasts of jobs, or of `MOST_READ` spread evenly over more; their inputs are decoded.
+
+    Returns:
+        The forecasts by the number of the job, and the errors of jobs that would fail.
 
     Raises:
-        InputError: an input cannot be used, or does not fit into memory, if nobody is told.
-        UsageProblem: the options make no sense for a picture or this machine.
+        UsageProblem: this machine has not got the device.
     """
     from defocus_cli.rendering import job_steps
 
@@ -74,21 +84,14 @@ def forecasts(
     rate = 0.0
     if any(job.outputs.need_rendering for job in jobs):
         rate = work_per_second(device, jobs[0].machine.threads)
-    found = {}
-    for number in _some(len(jobs)):
+    count = min(len(jobs), MOST_READ)
+    by_number, unusable = {}, []
+    for number in (k * (len(jobs) - 1) // max(count - 1, 1) for k in range(count)):
         try:
-            found[number] = _forecast(jobs[number], device, rate)
+            by_number[number] = _forecast(jobs[number], device, rate)
         except UserError as error:
-            if unusable is None:
-                raise
-            unusable(error)
-    return found
-
-
-def _some(jobs: int) -> Sequence[int]:
-    if jobs <= MOST_READ:
-        return range(jobs)
-    return [k * (jobs - 1) // (MOST_READ - 1) for k in range(MOST_READ)]
+            unusable.append(error)
+    return by_number, unusable
 
 
 def _forecast(job: Job, device: str, rate: float) -> Forecast:
@@ -99,88 +102,74 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     start = time.perf_counter()
     loaded = job_steps.load_inputs(job)
     read_seconds = time.perf_counter() - start
-    outcome, radius = job_steps.looked_at(job, loaded)
+    outcome, radius = job_steps.prepare(job, loaded)
     held = loaded.holding
-    found, seconds, repair_note = None, 0.0, ""
+    scratch_mb = held.arrays_mb if held.scratch else 0.0
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
-    if job.outputs.need_rendering:
-        stream = stream_of(loaded, radius, outcome)
-        found = cost(stream)
-        seconds, peak = found.work / rate, peak_mb(job, stream, held, device)
-        repair_note = repair_words(stream.repair)
-    return Forecast(
-        job=job,
-        size=outcome.size,
-        coc_px=outcome.coc_px,
-        read_seconds=read_seconds,
-        cost=found,
-        seconds=seconds,
-        peak_mb=peak,
-        scratch_mb=held.arrays_mb if held.scratch else 0.0,
-        color_note=loaded.color.note,
-        depth_note=loaded.depth.note,
-        repair_note=repair_note,
-    )
+    if not job.outputs.need_rendering:
+        return Forecast(outcome, read_seconds, None, 0.0, peak, scratch_mb)
+    stream = stream_of(loaded, radius, outcome)
+    outcome = replace(outcome, repair_note=repair_words(stream.repair))
+    work, peak = cost(stream), peak + regions_at_once(job, stream, held, device)[1]
+    return Forecast(outcome, read_seconds, work, work.work / rate, peak, scratch_mb)
 
 
 def record(forecast: Forecast) -> dict[str, Any]:
     """A forecast in plain numbers."""
-    found: dict[str, Any] = {
-        "size": list(forecast.size),
-        "coc_px": list(forecast.coc_px),
+    values: dict[str, Any] = {
+        "size": list(forecast.outcome.size),
+        "coc_px": list(forecast.outcome.coc_px),
         "read_seconds": forecast.read_seconds,
         "render_seconds": forecast.seconds,
         "peak_mb": forecast.peak_mb,
-        "color_note": forecast.color_note,
-        "depth_note": "; ".join(filter(None, (forecast.depth_note, forecast.repair_note))),
+        "color_note": forecast.outcome.color_note,
+        "depth_note": forecast.outcome.depth_words(),
     }
     if forecast.scratch_mb:
-        found["scratch_mb"] = forecast.scratch_mb
-        found["scratch_folder"] = str(scratch_folder())
+        values["scratch_mb"] = forecast.scratch_mb
+        values["scratch_folder"] = str(scratch_folder())
     if (cost := forecast.cost) is not None:
         names = ("slices", "tiles", "slice_tiles", "slice_tiles_seen")
-        found["stats"] = {name: getattr(cost, name) for name in names}
-    return found
+        values["stats"] = {name: getattr(cost, name) for name in names}
+    return values
 
 
 def line(forecast: Forecast) -> str:
     """A forecast in words."""
-    width, height = forecast.size
-    near, far = forecast.coc_px
-    told = f"  {width}x{height}, CoC {near:.2f} to {far:.2f} px: "
+    (width, height), (near, far) = forecast.outcome.size, forecast.outcome.coc_px
+    start = f"  {width}x{height}, CoC {near:.2f} to {far:.2f} px: "
     scratch = ""
     if forecast.scratch_mb:
         scratch = f", and {forecast.scratch_mb:.0f} MB of scratch in {scratch_folder()}"
     if (cost := forecast.cost) is None:
-        return f"{told}maps alone, nothing is rendered{scratch}"
+        return f"{start}maps alone, nothing is rendered{scratch}"
     share = 100 * cost.slice_tiles_seen / cost.slice_tiles
-    repair_note = f"; depth: {forecast.repair_note}" if forecast.repair_note else ""
+    note = forecast.outcome.repair_note
+    repair_note = f"; depth: {note}" if note else ""
     return (
-        f"{told}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "
+        f"{start}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "
         f"slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
         f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
     )
 
 
-def total(found: Sequence[Forecast], jobs: int) -> dict[str, Any]:
-    """All jobs together: those that were not looked at are taken for alike."""
-    share = jobs / len(found)
+def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
+    """All jobs together, in proportion to the samples: the forecasts of some of them."""
+    share = jobs / len(samples)
     return {
         "pictures": jobs,
-        "pictures_read": len(found),
-        "read_seconds": share * sum(each.read_seconds for each in found),
-        "render_seconds": share * sum(each.seconds for each in found),
-        "peak_mb": max(each.peak_mb for each in found),
+        "pictures_read": len(samples),
+        "read_seconds": share * sum(each.read_seconds for each in samples),
+        "render_seconds": share * sum(each.seconds for each in samples),
+        "peak_mb": max(each.peak_mb for each in samples),
     }
 
 
-def total_lines(found: Sequence[Forecast], jobs: int) -> Iterator[str]:
-    """The same in words, where there are several."""
-    if jobs < 2:
-        return
-    every = total(found, jobs)
-    few = f", from {len(found)} of them" if len(found) < jobs else ""
-    yield (
+def total_line(samples: Sequence[Forecast], jobs: int) -> str:
+    """All jobs together, in words."""
+    every = total(samples, jobs)
+    few = f", from {len(samples)} of them" if len(samples) < jobs else ""
+    return (
         f"{jobs} pictures: about {duration(every['render_seconds'])} to render and "
         f"{duration(every['read_seconds'])} to read{few}; {every['peak_mb']:.0f} MB"
     )

@@ -1,8 +1,7 @@
-"""The three steps of a job: read its inputs, compute its pictures, write them."""
+"""Steps of a job before it is written: read its inputs, compute its pictures."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ from defocus_cli.jobs.job import Job, Picture, Reading
 from defocus_cli.rendering.focusing import focused, quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
-from defocus_cli.rendering.outcome import Loaded, Made, Outcome
+from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.rendering.render_picture import rendered
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
@@ -39,35 +38,37 @@ def load_inputs(job: Job) -> Loaded:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping)
     if behind.shape != color.shape:
-        told, wanted = (
+        size, wanted = (
             f"{width}x{height} px of {channels} channels"
             for height, width, channels in (behind.shape, color.shape)
         )
-        problem = f"is {told} but the picture is {wanted}"
+        problem = f"is {size} but the picture is {wanted}"
         raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
     return Loaded(held, color, depth, (behind, behind_depth))
 
 
-def compute(job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None) -> Made:
-    """All that a job asks for, computed from its picture.
+def compute(
+    job: Job, loaded: Loaded, progress: Callable[[int, int], None] | None = None
+) -> Rendering:
+    """The images and maps that a job asks for.
 
     Args:
-        job: what to do.
-        loaded: its picture.
+        job: the job.
+        loaded: its decoded inputs.
         progress: called with (tiles done, tiles in all) while it renders.
 
     Raises:
         InputError: the picture cannot be taken with this lens, or does not fit into memory.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    outcome, radius = looked_at(job, loaded)
+    outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
-        return Made(outcome, loaded.color, radius, {}, {})
+        return Rendering(outcome, loaded.color, radius, {}, {})
     return rendered(loaded, radius, outcome, progress)
 
 
-def looked_at(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
-    """What is known of a job before it is rendered, and its signed radii [H, W] in px.
+def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
+    """The outcome as far as it is known before rendering, and the signed radii [H, W] in px.
 
     Raises:
         InputError: the picture cannot be taken with this lens.
@@ -87,32 +88,20 @@ def looked_at(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         quality=quality_of(job.machine, ends),
         warnings=(
             *implausible(loaded.depth, radius, ends, lens, declared=job.reading.depth_declared),
-            *_unheeded(loaded),
+            *_warnings(loaded),
         ),
     )
     return outcome, radius
 
 
-def _unheeded(loaded: Loaded) -> tuple[str, ...]:
-    """What in the files of a picture was not heeded."""
+def _warnings(loaded: Loaded) -> tuple[str, ...]:
+    """Warnings about what the files hold and the renderer ignores."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
     return *loaded.color.warnings, *(f"hidden: {warning}" for warning in behind)
 
 
-def write(made: Made) -> Outcome:
-    """Write what a job computed: all its files or none.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
-    from defocus_cli.rendering.delivery import deliver
-
-    warnings = deliver(made.color, made.radius, made.images, made.clamped, made.outcome)
-    return dataclasses.replace(made.outcome, warnings=(*made.outcome.warnings, *warnings))
-
-
 def load() -> None:
-    """Import what takes seconds to import."""
+    """Import torch and the renderer, which takes seconds, and set up the allocator."""
     memory.share_heap()
     memory.keep_freed(True)  # what is read leaves room for what is rendered
     with put_off(), imports():
@@ -130,14 +119,14 @@ def choose_device(name: str) -> str:
     """
     import torch
 
-    found = name != "cpu" and torch.cuda.is_available()
-    if name == "cuda" and not found:
+    available = name != "cpu" and torch.cuda.is_available()
+    if name == "cuda" and not available:
         raise UsageProblem("--device", "PyTorch finds no CUDA GPU here", "use --device cpu or auto")
-    return "cuda" if found else "cpu"
+    return "cuda" if available else "cpu"
 
 
 def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
-    """Which part ``--part`` means in the colour and the depth file; None where there is but one.
+    """The part to read in the colour and in the depth file; None where there is only one.
 
     Raises:
         InputError: neither file has such a part.
@@ -155,12 +144,12 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
 
 
 def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tuple[Color, Depth]:
-    """Colour and depth of one size, all of whose pixels can be rendered.
+    """Colour and depth of the same size, whose pixels are all valid.
 
     Args:
         picture: where they are.
-        reading: what to take from the files.
-        keeping: where they are to be kept.
+        reading: options that say how to read them.
+        keeping: whether they go to memory or to scratch files.
 
     Raises:
         InputError: a file cannot be used.
@@ -170,12 +159,7 @@ def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tu
 
     shared = picture.color == picture.depth
     color_part, depth_part = parts_of(picture, reading)
-    color = read_color(
-        picture.color,
-        layer=reading.color_layer,
-        part=color_part,
-        keeping=keeping,
-    )
+    color = read_color(picture.color, layer=reading.color_layer, part=color_part, keeping=keeping)
     depth = read_depth(
         picture.depth,
         channel=reading.depth_channel,

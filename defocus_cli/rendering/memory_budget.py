@@ -1,9 +1,15 @@
-"""The memory budget of a process, and its share for the arrays of pictures. All in MB.
+"""The memory budget of a process: arrays of pictures, and regions computed at once. All in MB.
 
-What a process may take beyond itself is shared by the arrays of pictures and by what is computed.
-A picture whose arrays fit into half of that is held as it is read and made. Two more, the one that
-is read and the one that is written meanwhile, are held beside it as long as all take a quarter at
-most. A larger picture is kept in scratch files, and the process has no other meanwhile.
+Terms:
+  limit     memory that the process may take in all
+  base      memory of the program itself, before any picture
+  capacity  limit less base: shared by the arrays of pictures and by the computation
+  arrays    inputs and outputs of one picture, decoded
+  room      capacity less arrays: left to compute in
+
+A picture whose arrays fit into half of the capacity stays in memory. Two more, one being read and
+one being written, stay beside it as long as all together take a quarter at most. A larger picture
+goes through scratch files, and is alone in the process.
 """
 
 from __future__ import annotations
@@ -17,19 +23,23 @@ from typing import TYPE_CHECKING
 from defocus_cli.jobs.job import Job, Machine, Picture
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Keeping
-from defocus_cli.system.errors import InputError
+from defocus_cli.system.errors import InputError, TooLarge
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Of what is available, what a process takes unless it is told.
+    from defocus_core import Stream
+
+# Share of the available memory that a process takes without --memory.
 SHARE = 0.8
-# Of what it may take beyond itself, what the arrays of one picture may take, and of some together;
-# how many these are.
+# Shares of the capacity: for the arrays of one picture, and for those of all in the pipeline; how
+# many these are.
 _FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
-# What strips take at most.
+# Share of the room that the cells of a draft may take.
+_FOR_CELLS = 0.25
+# Most memory of the strips through which a picture in scratch files is read and written.
 _STRIPS_MB = 168.0
-# By which what one process takes for itself differs from what the next does.
+# By how much the base memory of one process differs from that of the next.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32": 4}
@@ -37,14 +47,14 @@ _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32":
 
 @dataclass(frozen=True)
 class Holding:
-    """What a picture takes beside what is computed.
+    """Memory of a picture, beside the memory of the computation.
 
     Attributes:
-        arrays_mb: its inputs and outputs.
-        whole_mb: files that can only be decoded at once.
-        scratch: whether its arrays lie in scratch files.
-        files_mb: what is held of its files and of those of the pictures beside it.
-        room_mb: what is left to compute in.
+        arrays_mb: size of its inputs and outputs, decoded.
+        whole_mb: size of the files that can only be decoded at once.
+        scratch: whether its arrays are in scratch files.
+        files_mb: memory of its arrays and of those of the pictures in the pipeline beside it.
+        room_mb: memory left to compute in.
     """
 
     arrays_mb: float
@@ -58,50 +68,41 @@ class Holding:
         """Where its arrays are kept."""
         return Keeping(self.scratch)
 
-    @property
-    def held_mb(self) -> float:
-        """What is held in memory beside what is computed."""
-        return strips_mb(self.arrays_mb) + self.whole_mb if self.scratch else self.arrays_mb
-
 
 def holding(job: Job) -> Holding:
-    """What the picture of a job takes, from the headers of its files."""
-    arrays, whole = _sizes(job)
-    room = capacity_mb(job.machine)
-    scratch = arrays > _FOR_ARRAYS * room
-    files = strips_mb(arrays) if scratch else _beside_each_other_mb(arrays, room)
-    return Holding(arrays, whole, scratch, files, max(room - files, 0.0))
+    """Memory of the picture of a job, from the headers of its files."""
+    return _shared(*_sizes(job), capacity_mb(job.machine))
 
 
-def _beside_each_other_mb(arrays_mb: float, room_mb: float) -> float:
-    """What the arrays of pictures may take that are read, computed and written at one time."""
-    return min(max(arrays_mb, _FOR_PICTURES * room_mb), _PICTURES * arrays_mb)
+def _shared(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
+    """How arrays of that size, and files decoded at once, share a capacity."""
+    scratch = arrays_mb > _FOR_ARRAYS * capacity
+    strips = min(_STRIPS_MB, 2 * arrays_mb)
+    files = strips if scratch else _beside_each_other_mb(arrays_mb, capacity)
+    return Holding(arrays_mb, whole_mb, scratch, files, max(capacity - files, 0.0))
 
 
-def strips_mb(arrays_mb: float) -> float:
-    """What strips of arrays take that are read, computed, or written."""
-    return min(_STRIPS_MB, 2 * arrays_mb)
+def _beside_each_other_mb(arrays_mb: float, capacity: float) -> float:
+    """Memory for the arrays of the pictures that are read, rendered and written at one time."""
+    return min(max(arrays_mb, _FOR_PICTURES * capacity), _PICTURES * arrays_mb)
 
 
 def enough_mb(job: Job, needed_mb: float) -> float:
-    """The least limit, above that of a job, with which there is so much to compute in."""
-    arrays, _ = _sizes(job)
-    in_scratch = needed_mb + strips_mb(arrays)
-    # Rounded up, it must still be one with which the arrays lie in scratch files.
-    if capacity_mb(job.machine) < in_scratch and 1.05 * in_scratch + 20 < arrays / _FOR_ARRAYS:
-        return base_mb() + in_scratch + _SPARE_MB
-    shared = needed_mb * _FOR_PICTURES / (1 - _FOR_PICTURES)
-    beside = min(max(arrays, shared), _PICTURES * arrays)
-    return base_mb() + max(arrays / _FOR_ARRAYS, needed_mb + beside) + _SPARE_MB
+    """The smallest limit that leaves ``needed_mb`` of room, within a few percent."""
+    sizes, room = _sizes(job), max(capacity_mb(job.machine), 1.0)
+    # Rounded up, it must still be one: arrays in memory leave less room than those in scratch.
+    while min(_shared(*sizes, mb).room_mb for mb in (room, 1.05 * room + 20)) < needed_mb:
+        room *= 1.01
+    return base_mb() + room + _SPARE_MB
 
 
 def capacity_mb(machine: Machine) -> float:
-    """What the process may take beyond what it takes anyway."""
+    """Memory that the process may take beyond its base."""
     return max(limit_mb(machine) - base_mb(), 0.0)
 
 
 def limit_mb(machine: Machine) -> float:
-    """What the process may take."""
+    """Memory that the process may take in all."""
     return _usual_limit_mb() if machine.memory is None else machine.memory / memory.MB
 
 
@@ -113,12 +114,12 @@ def _usual_limit_mb() -> float:
 
 @cache
 def base_mb() -> float:
-    """What the process took when this was first asked for, which is before any picture."""
+    """Memory of the process at the first call, which comes before any picture."""
     return memory.held_mb()
 
 
 def _sizes(job: Job) -> tuple[float, float]:
-    """MB of the arrays of a job, and of its files that can only be decoded at once."""
+    """MB of the arrays of a job, and of those files that can only be decoded at once."""
     pixels, per_pixel, whole, channels = _inputs(job.picture)
     outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
     if outputs.need_rendering:
@@ -135,7 +136,7 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
     from defocus_cli.formats.exr_header import is_exr
     from defocus_cli.system.safe_files import read_head
 
-    def told(path: Path) -> tuple[int, float, float, int]:
+    def pixel_bytes(path: Path) -> tuple[int, float, float, int]:
         info = describe(path)
         parts = info.parts
         if not is_exr(read_head(path)):  # of several pages, one is read
@@ -145,8 +146,8 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
         return info.width * info.height, native, native if info.at_once else 0.0, len(kinds)
 
     try:
-        pixels, native, color_whole, count = told(picture.color)
-        _, _, depth_whole, _ = told(picture.depth)
+        pixels, native, color_whole, count = pixel_bytes(picture.color)
+        _, _, depth_whole, _ = pixel_bytes(picture.depth)
         arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
     except InputError:  # who decodes it says it better
         return 0, 0.0, 0.0, 0
@@ -154,7 +155,7 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
 
 
 def _half(job: Job) -> bool:
-    """Whether the images of a job need be kept in half only."""
+    """Whether half floats are enough for the images of a job until they are written."""
     outputs = job.outputs
     return (outputs.format, outputs.exr_type, outputs.preview) == ("exr", "half", False)
 
@@ -164,8 +165,72 @@ def image_type(job: Job) -> str:
     return "float16" if _half(job) else "float32"
 
 
+def room_on(device: str, room_mb: float) -> float:
+    """Memory left to compute in, with what the machine has free now."""
+    available = memory.available_mb(device)
+    if device != "cpu":
+        return math.inf if available is None else available
+    return max(room_mb if available is None else min(room_mb, available), 0.0)
+
+
+def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
+    """Whether the cells of a draft of a picture [C, H, W] are kept, not computed where needed."""
+    from defocus_core import cells_bytes
+
+    return cells_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
+
+
+def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> tuple[int, float]:
+    """How many regions of a picture may be computed at once, and a bound of their memory in MB.
+
+    Raises:
+        TooLarge: not even one fits; the remedy is the option with which it would.
+    """
+    from defocus_core import memory_bound
+
+    threads, room = job.machine.threads, room_on(device, holding.room_mb)
+
+    def needed(threads: int, at_once: int) -> float:
+        return memory_bound(stream, threads, at_once) / memory.MB
+
+    for at_once in range(threads, 0, -1):
+        if (bound := needed(threads, at_once)) <= room:
+            return at_once, bound
+    beside = base_mb() + holding.files_mb
+    raise TooLarge(
+        job.picture.color,
+        f"needs {_sum(base_mb(), holding.files_mb, bound)} to render, "
+        f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
+        _remedy(job, bound, threads > 1 and needed(1, 1) <= room, device),
+    )
+
+
+def _sum(base: float, files: float, rendering: float) -> str:
+    """Three sizes and their sum, in words."""
+    parts = [math.ceil(mb) for mb in (base, files, rendering)]
+    return "{} MB ({} of the program, {} of its files, {})".format(sum(parts), *parts)
+
+
+def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> str:
+    if with_one_thread:
+        return "use --threads 1"
+    machine = memory.available_mb(device)
+    enough = enough_mb(job, needed_mb)
+    if device == "cpu" and (machine is None or enough < machine + base_mb()):
+        return f"use --memory {_size(enough)}"
+    if job.machine.quality != "draft":
+        return "use --quality draft, a smaller picture, or a machine with more"
+    return "use a smaller picture or a machine with more"
+
+
+def _size(mb: float) -> str:
+    """A size, rounded up, as the command line takes it."""
+    tens = math.ceil(mb * memory.MB / 10**7)
+    return f"{10 * tens}MB" if tens < 1000 else f"{math.ceil(tens / 10) / 10:.1f}GB"
+
+
 class Gate:
-    """Lets pictures in as long as they fit beside each other, and one in any case."""
+    """Lets pictures into the pipeline as long as their arrays fit together; one in any case."""
 
     def __init__(self) -> None:
         self._held: dict[int, float] = {}
@@ -184,13 +249,13 @@ class Gate:
             self._held[number] = need
 
     def open(self) -> None:
-        """Let nobody wait any longer."""
+        """Let every waiting picture in."""
         with self._changed:
             self._opened = True
             self._changed.notify_all()
 
     def leave(self, number: int) -> None:
-        """The picture of a job is let go."""
+        """Forget a picture whose arrays are freed."""
         with self._changed:
             self._held.pop(number, None)
             self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""What the steps of a job pass on: decoded inputs, computed pictures, the outcome."""
+"""Records between the steps of a job: decoded inputs, computed images and maps, the outcome."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job."""
+    """Lens, size, CoC, notes, time and warnings of a job."""
 
     job: Job
-    lens: Lens  # with the focus distance that was found
+    lens: Lens  # with its focus distance
     size: tuple[int, int]  # width, height
     coc_px: tuple[float, float]  # smallest and largest signed radius
     color_note: str
@@ -32,17 +32,17 @@ class Outcome:
     render_cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
-    repair_note: str = ""  # what was done to it before it was rendered
+    repair_note: str = ""  # how it was repaired before it was rendered
 
-    def depth_told(self, *, rendered: bool = True) -> str:
-        """How the depth of an output was understood; maps of radii show it as it was given."""
+    def depth_words(self, *, rendered: bool = True) -> str:
+        """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
         repair_note = self.repair_note if rendered else ""
         return "; ".join(filter(None, (self.depth_note, repair_note)))
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """A picture, decoded; and what lies behind it, where a job needs and has it."""
+    """A picture, decoded, and its hidden layer if the job has and needs one."""
 
     holding: Holding
     color: Color
@@ -51,15 +51,15 @@ class Loaded:
 
 
 @dataclass(frozen=True)
-class Made:
-    """What a job computed.
+class Rendering:
+    """The images and maps of a job, computed but not written.
 
     Attributes:
-        outcome: how.
-        color: what it was made of, for the metadata and further channels to carry along.
+        outcome: lens, notes, time and warnings of the job.
+        color: the colour input, whose metadata and further channels are written too.
         radius: signed CoC radius in px, [H, W].
         images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
-        clamped: how many pixels of a kind were clamped to be half.
+        clamped: number of pixels of each kind that were clamped to the range of half.
     """
 
     outcome: Outcome
@@ -70,7 +70,7 @@ class Made:
 
 
 def repair_words(repair: DepthRepair) -> str:
-    """What was done to the depth before it was rendered; empty if nothing."""
+    """How the depth was repaired before it was rendered; empty if it was not."""
     done = []
     if repair.noise is not None:
         done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")

@@ -1,4 +1,4 @@
-"""A picture rendered from its arrays to arrays of each kind of output."""
+"""Rendering a decoded picture to arrays of each kind of output, within the memory there is."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
-from defocus_cli.rendering.memory_budget import image_type
-from defocus_cli.rendering.outcome import Loaded, Made, Outcome, repair_words
+from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
+from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands
 from defocus_cli.system.errors import TooLarge
@@ -20,19 +20,17 @@ if TYPE_CHECKING:
     from defocus_core import Behind, Stream, Views
 
 Progress = Callable[[int, int], None]
-# Px on a side of the least tiles that are tried where memory of a GPU runs out.
-_LEAST_TILE = 32
 # Share of the pixels of left or right from which on a warning says that they were negative.
 _MANY_CLAMPED = 0.01
 
 
 def rendered(
     loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None = None
-) -> Made:
-    """All images that a job asks for.
+) -> Rendering:
+    """The images and maps that need rendering.
 
     Args:
-        loaded: its picture.
+        loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
         progress: called with (tiles done, tiles in all).
@@ -42,54 +40,23 @@ def rendered(
     """
     import torch
 
-    from defocus_cli.rendering.memory_fit import regions_at_once
-    from defocus_core import TILE
-
-    job, device = outcome.job, outcome.device
     set_to_render()
-    images = _Images(job, loaded)
-    warnings: list[str] = []
+    images = _Images(outcome.job, loaded)
     wall, cpu = time.perf_counter(), time.process_time()
-    tile, at_once = job.machine.tile, None
-    while True:
-        images.clamped.clear()
-        try:
-            stream = stream_of(loaded, radius, outcome, tile)
-            if at_once is None:
-                at_once = regions_at_once(job, stream, loaded.holding, device)
-                if at_once < job.machine.threads:  # memory is short
-                    memory.keep_freed(False)
-                    memory.trim()
-            for part in stream.regions(at_once, progress):
-                images.take(part)
-            break
-        except torch.OutOfMemoryError:
-            if at_once != 1:
-                at_once = 1
-                continue
-            tile = (tile or TILE) // 2
-            if tile < _LEAST_TILE:
-                problem = "does not fit into the memory of the GPU"
-                raise TooLarge(job.picture.color, problem, "use --device cpu") from None
-            warnings = [
-                f"the GPU ran out of memory: rendered in tiles of {tile} px instead, which may "
-                "change the last digits"
-            ]
-            torch.cuda.empty_cache()
-    if device == "cuda":
+    stream = _fill(images, loaded, radius, outcome, progress)
+    if outcome.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    warnings += _clamped(stream.stats)
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
-    done = replace(
+    outcome = replace(
         outcome,
         repair_note=repair_words(stream.repair),
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
-        warnings=(*outcome.warnings, *warnings),
+        warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Made(done, loaded.color, radius, images.planes, images.clamped)
+    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -101,16 +68,42 @@ def _clamped(stats: Mapping[str, float]) -> list[str]:
     return [f"left, right: below 0 in {100 * share:.0f} % of the pixels, and made 0: {why}"]
 
 
-def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = None) -> Stream:
-    """The picture of a job, to be rendered region by region.
+def _fill(
+    images: _Images, loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None
+) -> Stream:
+    """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
+    import torch
+
+    job, at_once = outcome.job, None
+    while True:
+        images.clamped.clear()
+        try:
+            stream = stream_of(loaded, radius, outcome)
+            if at_once is None:
+                at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
+                if at_once < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
+            for part in stream.regions(at_once, progress):
+                images.place(part)
+            return stream
+        except torch.OutOfMemoryError:  # other programs use the GPU, too
+            torch.cuda.empty_cache()
+            if at_once == 1:
+                problem = "does not fit into the memory of the GPU"
+                remedy = "use --device cpu, or a smaller --tile"
+                raise TooLarge(job.picture.color, problem, remedy) from None
+            at_once = 1
+
+
+def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
+    """The renderer of a job, which works region by region.
 
     Args:
-        loaded: the picture.
+        loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
-        tile: side of tiles in px.
     """
-    from defocus_cli.rendering.memory_fit import holds_cells, room_on
     from defocus_core import Aperture, Settings, Stream
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
@@ -123,7 +116,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
             quality=outcome.quality,
             left_right=any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,
-            tile=tile or job.machine.tile,
+            tile=job.machine.tile,
             infinity=radius_at_infinity(lens, outcome.size),
             depth_repair=job.machine.depth_repair,
         ),
@@ -133,11 +126,11 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome, tile: int | None = 
 
 
 class _Images:
-    """The images of a job while they are being made.
+    """The images of a job while they are rendered.
 
     Attributes:
         planes: each rendered kind's arrays [H, W]: C of an image, one of a map.
-        clamped: how many pixels of a kind were clamped to be half.
+        clamped: number of pixels of each kind that were clamped to the range of half.
     """
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
@@ -152,8 +145,8 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def take(self, part: Views) -> None:
-        """Put a region where it belongs."""
+    def place(self, part: Views) -> None:
+        """Copy a rendered region to its place."""
         import numpy as np
 
         from defocus_cli.formats.exr import clamped_half
@@ -173,7 +166,7 @@ class _Images:
 
 
 def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
-    """What is known to lie behind: where depth is inf and colour 0, nothing is."""
+    """The hidden layer: it is unknown where depth is inf and colour 0."""
     import numpy as np
 
     from defocus_core import Behind

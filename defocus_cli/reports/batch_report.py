@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
 
-class Told:
-    """Hears how a batch goes and tells people.
+class BatchReport:
+    """Reports each job of a batch while it runs.
 
     Args:
-        each: say a line for each job that is done; else only for those that are not.
-        keep: remember what to say of each job in JSON.
-        verbose: say more.
-        stats: say what was computed and what was skipped.
+        each: print a line for each job; else only for jobs that failed or were rejected.
+        keep: keep the JSON record of each job.
+        verbose: print more about each job.
+        stats: print what was computed and what was skipped.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ def bar(unit: str, total: int | None = None) -> tqdm[Any]:
 
 @contextmanager
 def tile_bar() -> Iterator[Callable[[int, int], None]]:
-    """Call what this gives with (tiles done, tiles in all) of a lone picture."""
+    """A function that shows (tiles done, tiles in all) of a lone picture on a bar."""
     with bar("tile") as tiles:
 
         def count(done: int, total: int) -> None:
@@ -109,31 +109,31 @@ def tile_bar() -> Iterator[Callable[[int, int], None]]:
 
 
 def summary_line(summary: Summary) -> str:
-    """What came of a batch, in words."""
+    """Counts, reasons and speed of a batch that ended, in words."""
     counts = Counter(summary.statuses)
     parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
     if summary.skipped:
         parts.append(f"{summary.skipped} done before")
     if summary.left:
         parts.append(f"{summary.left} left")
-    told = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
+    line = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
     if summary.reasons:
-        told += f" ({reasons_words(summary.reasons)})"
+        line += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
-        told += f", {summary.warned} with warnings in the journal"
+        line += f", {summary.warned} with warnings in the journal"
     done = sum(counts.values())
     if done and summary.seconds:
-        told += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
-    return told
+        line += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
+    return line
 
 
 def reasons_words(reasons: Mapping[str, int]) -> str:
-    """How often which reason, in words."""
+    """Reasons of failures with their counts, in words."""
     return ", ".join(f"{reason} {count}" for reason, count in sorted(reasons.items()))
 
 
 def summary_record(summary: Summary) -> dict[str, Any]:
-    """What came of a batch, in plain values."""
+    """Counts, reasons and time of a batch that ended, for JSON."""
     return {
         "jobs": summary.jobs,
         "done_before": summary.skipped,
@@ -146,45 +146,45 @@ def summary_record(summary: Summary) -> dict[str, Any]:
     }
 
 
-def progress_lines(out: Path, found: Progress, failures: int) -> Iterator[str]:
-    """How far a batch has come, in words."""
-    counts = [f"{found.statuses[s]} {word}" for s, word in _WORDS.items() if found.statuses[s]]
-    left = f", {found.left} left" if found.left else ""
-    again = f", {found.again} of them to be done again" if found.again else ""
-    yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {counted(found.jobs, 'job')}"
-    if found.shards is not None:
-        numbers, division = found.shards
+def progress_lines(out: Path, state: Progress, failures: int) -> Iterator[str]:
+    """Progress of a batch, in words."""
+    counts = [f"{state.statuses[s]} {word}" for s, word in _WORDS.items() if state.statuses[s]]
+    left = f", {state.left} left" if state.left else ""
+    again = f", {state.again} of them to be done again" if state.again else ""
+    yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {counted(state.jobs, 'job')}"
+    if state.shards is not None:
+        numbers, division = state.shards
         yield f"  {len(numbers)} of {division} shards begun, not merged yet"
-    if found.seconds is not None:
-        rate = f", {found.rate:.3g} jobs a second" if found.rate else ""
-        yield f"  {found.seconds:.2f} s of rendering each{rate}"
-    for who in found.running:
+    if state.seconds is not None:
+        rate = f", {state.rate:.3g} jobs a second" if state.rate else ""
+        yield f"  {state.seconds:.2f} s of rendering each{rate}"
+    for who in state.running:
         yield f"  running: {who}"
-    if found.eta_seconds is not None:
-        yield f"  the rest takes about {duration(found.eta_seconds)}"
-    elif found.left:
+    if state.eta_seconds is not None:
+        yield f"  the rest takes about {duration(state.eta_seconds)}"
+    elif state.left:
         yield "  not running; run the same command again to go on"
-    if found.reasons:
-        yield f"  {reasons_words(found.reasons)}"
-    for record in found.failures[max(0, len(found.failures) - failures) :] if failures else ():
+    if state.reasons:
+        yield f"  {reasons_words(state.reasons)}"
+    for record in state.failures[-failures:] if failures else ():
         yield f"    {record['sample_id']}: {record['reason']}: {record['message']}"
 
 
-def progress_record(found: Progress, failures: int) -> dict[str, Any]:
-    """The same in plain values."""
+def progress_record(state: Progress, failures: int) -> dict[str, Any]:
+    """Progress of a batch, for JSON."""
     keys = ("sample_id", "status", "reason", "message")
-    shown = found.failures[max(0, len(found.failures) - failures) :] if failures else []
+    shown = state.failures[-failures:] if failures else []
     return {
-        "jobs": found.jobs,
-        "left": found.left,
-        "again": found.again,
-        **{status: found.statuses[status] for status in _WORDS},
-        "reasons": dict(found.reasons),
-        "running": found.running,
-        "jobs_per_second": found.rate,
-        "render_seconds": found.seconds,
-        "eta_seconds": found.eta_seconds,
-        "shards": found.shards and {"begun": found.shards[0], "of": found.shards[1]},
+        "jobs": state.jobs,
+        "left": state.left,
+        "again": state.again,
+        **{status: state.statuses[status] for status in _WORDS},
+        "reasons": dict(state.reasons),
+        "running": state.running,
+        "jobs_per_second": state.rate,
+        "render_seconds": state.seconds,
+        "eta_seconds": state.eta_seconds,
+        "shards": state.shards and {"begun": state.shards[0], "of": state.shards[1]},
         "failures": [{key: record[key] for key in keys} for record in shown],
     }
 

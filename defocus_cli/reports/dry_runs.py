@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ from defocus_cli.batch.plan import Plan
 from defocus_cli.jobs.job import Job
 from defocus_cli.reports import job_report
 from defocus_cli.system import console
-from defocus_cli.system.console import counted
+from defocus_cli.system.console import counted, duration
 from defocus_cli.system.errors import Rejected, SomeFailed, UserError
 
 if TYPE_CHECKING:
@@ -21,11 +22,11 @@ _PREVIEW_BYTES = 1.5
 _MAP_BYTES = 2.4
 
 
-def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
-    """Say it of each job; of those that are to do, some are looked at.
+def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
+    """Report each picture: what would be read and written, and the forecasts.
 
     Raises:
-        SomeFailed: some of several would fail; why each would is said on stderr.
+        SomeFailed: some of several would fail; the reasons are on stderr.
         InputError: the input of the only one cannot be used.
         UsageProblem: the options make no sense for it or for this machine.
     """
@@ -33,32 +34,31 @@ def tell(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
 
     todo = [job for job, _ in plan.todo]
     done = {job for job, _ in plan.settled}
-    unusable: list[UserError] = []
-    found = forecast.forecasts(todo, unusable.append if len(jobs) > 1 else None) if todo else {}
-    for error in unusable:
-        console.say(f"defocus: {error.format_message()}")
-    by_job = {todo[number]: each for number, each in found.items()}
-    looked_at = list(found.values())
+    samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
+    by_job = {todo[number]: each for number, each in samples.items()}
+    sampled = list(samples.values())
     if as_json:
         records = []
         for job in jobs:
-            told = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
-            records.append({**job_report.plan_record(job), "done_before": job in done, **told})
-        whole = forecast.total(looked_at, len(todo)) if looked_at else None
+            more = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
+            records.append({**job_report.plan_record(job), "done_before": job in done, **more})
+        whole = forecast.total(sampled, len(todo)) if sampled else None
         console.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
-    for job in () if as_json else jobs:
-        console.tell(job_report.done_before_line(job) if job in done else job_report.plan_line(job))
-        if job in by_job:
-            console.tell(forecast.line(by_job[job]))
-    for line in forecast.total_lines(looked_at, len(todo)) if looked_at and not as_json else ():
-        console.tell(line)
-    _end(unusable, len(found), "pictures")
+    else:
+        for job in jobs:
+            line = job_report.done_before_line if job in done else job_report.plan_line
+            console.tell(line(job))
+            if job in by_job:
+                console.tell(forecast.line(by_job[job]))
+        if sampled and len(todo) > 1:
+            console.tell(forecast.total_line(sampled, len(todo)))
+    _end(unusable, len(samples), "pictures")
 
 
-def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:
-    """Say it of a batch, in few lines; of each job if ``verbose``.
+def report_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:
+    """Report a batch in a few lines, and each job if ``verbose``.
 
-    What would fail or be rejected is said on stderr.
+    Jobs that would fail or be rejected are named on stderr.
 
     Raises:
         SomeFailed: some would fail; the batch would go on without them, and end like this.
@@ -67,12 +67,10 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
     from defocus_cli.rendering import forecast
 
     todo = [job for job, _ in plan.todo]
-    unusable: list[UserError] = []
-    found = list(forecast.forecasts(todo, unusable.append).values()) if todo else []
-    for error in unusable:
-        console.say(f"defocus: {error.format_message()}")
-    whole = forecast.total(found, len(todo)) if found else None
-    told = {
+    by_number, unusable = _forecasts(todo)
+    samples = list(by_number.values())
+    whole = forecast.total(samples, len(todo)) if samples else None
+    totals = {
         "jobs": len(plan.settled) + len(todo) + plan.beyond,
         "done_before": len(plan.settled),
         "todo": len(todo),
@@ -80,39 +78,53 @@ def tell_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> N
         "processes": processes,
         "forecast": whole,
         "seconds": _seconds(todo, whole) / processes if whole else 0.0,
-        "bytes": round(_bytes(plan, found)) if found else 0,
+        "bytes": round(_bytes(plan, samples)) if samples else 0,
         "unusable": len(unusable),
     }
     if as_json:
         console.print_json(
-            dry_run=True, **told, samples=[job_report.plan_record(job) for job in todo]
+            dry_run=True, **totals, samples=[job_report.plan_record(job) for job in todo]
         )
     for job in todo if verbose and not as_json else ():
         console.tell(job_report.plan_line(job))
-    for line in () if as_json else _batch_lines(told, len(found)):
+    for line in () if as_json else _batch_lines(totals, len(samples)):
         console.tell(line)
-    _end(unusable, len(found), "jobs")
+    _end(unusable, len(samples), "jobs")
 
 
-def _batch_lines(told: Mapping[str, Any], found: int) -> Iterator[str]:
-    from defocus_cli.system.console import duration
+def _forecasts(
+    todo: Sequence[Job], *, alone: bool = False
+) -> tuple[Mapping[int, Forecast], Sequence[UserError]]:
+    """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
+    from defocus_cli.rendering import forecast
 
-    todo, processes, whole = told["todo"], told["processes"], told["forecast"]
-    beyond = f", {told['beyond_limit']} beyond the limit" if told["beyond_limit"] else ""
-    yield f"{counted(told['done_before'], 'job')} done before, {todo} to do{beyond}"
-    if unusable := told["unusable"]:
-        yield f"{unusable} of {found + unusable} that were looked at would not be done"
+    if not todo:
+        return {}, []
+    samples, unusable = forecast.forecasts(todo)
+    if alone and unusable:
+        raise unusable[0]
+    for error in unusable:
+        console.say(f"defocus: {error.format_message()}")
+    return samples, unusable
+
+
+def _batch_lines(totals: Mapping[str, Any], samples: int) -> Iterator[str]:
+    todo, processes, whole = totals["todo"], totals["processes"], totals["forecast"]
+    beyond = f", {totals['beyond_limit']} beyond the limit" if totals["beyond_limit"] else ""
+    yield f"{counted(totals['done_before'], 'job')} done before, {todo} to do{beyond}"
+    if unusable := totals["unusable"]:
+        yield f"{unusable} of {samples + unusable} that were looked at would not be done"
     if whole is not None:
-        few = f", going by {found} of them" if found < todo else ""
+        few = f", going by {samples} of them" if samples < todo else ""
         crew = counted(processes, "process", "processes")
         yield (
-            f"about {duration(told['seconds'])} in {crew}, {told['bytes'] / 10**9:.2f} GB "
+            f"about {duration(totals['seconds'])} in {crew}, {totals['bytes'] / 10**9:.2f} GB "
             f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
         )
 
 
 def _end(unusable: Sequence[UserError], usable: int, what: str) -> None:
-    """End as the run would: what is rejected is no failure."""
+    """Fail if a job would fail; one that would be rejected is no failure."""
     failing = sum(not isinstance(error, Rejected) for error in unusable)
     if failing:
         tried = usable + len(unusable)
@@ -128,13 +140,13 @@ def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
     return float(whole["render_seconds"] + share * whole["read_seconds"])
 
 
-def _bytes(plan: Plan, found: Sequence[Forecast]) -> float:
-    """What the jobs to do will write, going by what those done before have written, if any."""
-    pixels = sum(each.size[0] * each.size[1] for each in found) / len(found) * len(plan.todo)
+def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:
+    """Bytes that the jobs will write, estimated from files of jobs done before, if any."""
+    pixels = sum(math.prod(each.outcome.size) for each in samples) / len(samples) * len(plan.todo)
     done = [record for _, record in plan.settled if record["status"] == "ok"]
     if done:
         written = sum(output["size"] for one in done for output in one["outputs"].values())
-        pixels_done = sum(one["size"][0] * one["size"][1] for one in done)
+        pixels_done = sum(math.prod(one["size"]) for one in done)
         return float(pixels * written / pixels_done)
     outputs = plan.todo[0][0].outputs
     image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]

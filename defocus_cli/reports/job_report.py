@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import lens_record, lens_record_words, lens_words
-from defocus_cli.reports import stats_table
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import counted
 
@@ -14,8 +13,22 @@ if TYPE_CHECKING:
     from defocus_cli.jobs.job import Job
 
 
+# Each count, the count that it is a share of, and words; counts that a renderer lacks are left out.
+_LINES = (
+    ("slice_tiles_done", "slice_tiles", "steps of slice x tile done"),
+    ("slice_tiles_blurred", "slice_tiles", "of them blurred, the others copied"),
+    ("slice_tiles_reduced", "slice_tiles", "of them at reduced resolution"),
+    ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
+    ("layer_pixels_done", "layer_pixels", "pixels of layers, within the rectangles they lie in"),
+    ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
+    ("pixels_clamped", "pixels", "pixels of left or right below 0, made 0"),
+    ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
+    ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
+)
+
+
 def plan_record(job: Job) -> dict[str, Any]:
-    """What a job would read and write."""
+    """Inputs, lens and outputs of a job, for JSON."""
     return {
         "stem": job.sample_id,
         **{role: str(path) for role, path in job.picture.files.items()},
@@ -26,7 +39,7 @@ def plan_record(job: Job) -> dict[str, Any]:
 
 
 def plan_line(job: Job) -> str:
-    """What a job would read and write, in words."""
+    """Inputs, lens and outputs of a job, in words."""
     inputs = dict.fromkeys(map(str, job.picture.files.values()))
     return (
         f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
@@ -37,12 +50,12 @@ def plan_line(job: Job) -> str:
 def outcome_record(
     job: Job, record: Mapping[str, Any], result: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What a job read, did and wrote.
+    """Inputs, lens, outputs, time and warnings of a job that ended, for JSON.
 
     Args:
         job: the job.
-        record: what the journal says of it.
-        result: what became of it now; empty if it was done before.
+        record: its record of the journal.
+        result: its result now; empty if it was done before.
     """
     seconds = record["seconds"]
     return {
@@ -73,7 +86,7 @@ def outcome_lines(
     verbose: bool,
     stats: bool = False,
 ) -> Iterator[str]:
-    """What a job did, in words: one line, one for each warning, and more if ``verbose``.
+    """A job that ended, in words: one line, one for each warning, and more if ``verbose``.
 
     What was computed and what was skipped is a table if ``stats``, a line if ``verbose`` alone.
     """
@@ -102,13 +115,26 @@ def outcome_lines(
             yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
     counts = {name: count for name, count in result["stats"].items() if name != "scratch_mb"}
     if stats:
-        yield from stats_table.lines(counts)
+        yield from _stats_lines(counts)
     elif verbose and counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
 
 
+def _stats_lines(stats: Mapping[str, float]) -> Iterator[str]:
+    """A line for each count, like ``216 of 648   33 %  steps of slice x tile done``."""
+    if not stats:
+        yield "  nothing was rendered: maps alone need no slices"
+        return
+    yield f"  {stats['slices']:.0f} slices, {stats['tiles']:.0f} tiles"
+    rows = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
+    width = max(len(f"{all_of_them:.0f}") for _, all_of_them, _ in rows)
+    for count, all_of_them, words in rows:
+        share = 100 * count / all_of_them
+        yield f"  {count:>{width}.0f} of {all_of_them:<{width}.0f} {share:>4.0f} %  {words}"
+
+
 def done_before_line(job: Job) -> str:
-    """That a job was done before, in words."""
+    """A job that was done before, in words."""
     return f"{job.sample_id}: done before -> {_written_words(job)}"
 
 

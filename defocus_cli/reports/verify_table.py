@@ -28,7 +28,7 @@ def lines(checks: Sequence[Check]) -> Iterator[str]:
 
 
 def summary(checks: Sequence[Check], seconds: float) -> str:
-    """How many checks failed, in words."""
+    """Number of checks that failed, in words."""
     measured = [check for check in checks if check.value is not None]
     failed = [check for check in measured if not check.ok]
     verdict = f"{len(failed)} of {len(measured)} FAILED" if failed else f"all {len(measured)} hold"

@@ -46,6 +46,12 @@ def tell(line: str) -> None:
     _print(printable(line))
 
 
+class Due:
+    """Whether the command that runs has yet to print a JSON document."""
+
+    json = False
+
+
 def print_json(**document: Any) -> None:
     """One JSON document on stdout, which names the version first.
 
@@ -53,6 +59,7 @@ def print_json(**document: Any) -> None:
         InputError: it cannot be written.
         BrokenPipeError: who read it has gone.
     """
+    Due.json = False
     _print(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
 
 

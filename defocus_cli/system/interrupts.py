@@ -10,7 +10,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 from defocus_cli.system import console
@@ -56,13 +56,13 @@ def terminations() -> Iterator[None]:
 
 @contextmanager
 def put_off() -> Iterator[None]:
-    """Delay signals to the end of the block: an import would swallow them or stay half done."""
+    """Delay signals to the end: an import that they interrupt loses them, or half a module."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
+    arrived: list[int] = []
     before = {
-        number: signal.signal(number, lambda number, _: came.append(number))
+        number: signal.signal(number, lambda number, _: arrived.append(number))
         for number in (signal.SIGINT, *_ENDING)
     }
     try:
@@ -70,7 +70,7 @@ def put_off() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    for number in came:
+    for number in arrived:
         signal.raise_signal(number)
 
 
@@ -91,12 +91,7 @@ class Interrupts:
             self._before = signal.signal(signal.SIGINT, self._pressed)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)
 

@@ -130,7 +130,7 @@ def spoken() -> Iterator[None]:
 
 def leftover(path: Path, process: int) -> str:
     """Prefix of the names of the hidden siblings of ``path`` that a process writes."""
-    return f".{path.name[:60]}.{process}."
+    return f".{path.name[:48]}.{process}."
 
 
 @contextmanager

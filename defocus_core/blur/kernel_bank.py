@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -60,9 +60,11 @@ class Window:
     aperture: Aperture
     parts: list[Part]
     like: Tensor
-    kernels: dict[int, Tensor]
-    spectra: dict[tuple[int, tuple[int, int], bool], Tensor]
-    planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]]
+    kernels: dict[int, Tensor] = field(default_factory=dict)
+    spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
+    planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
+        default_factory=dict
+    )
 
     def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
         """The spectrum of a slice's kernel: [M, 1, height, width // 2 + 1]."""
@@ -150,19 +152,8 @@ def windows(
         extents = [(n >> halvings) + 5 for n in region] if halvings else side
         rows, columns = (transform_length(n + 2 * extent) for n in extents)
         layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
-        window = Window(
-            extent,
-            (rows, columns),
-            halvings,
-            slices,
-            layer_radii,
-            aperture,
-            parts,
-            like,
-            {},
-            {},
-            {},
-        )
+        size = rows, columns
+        window = Window(extent, size, halvings, slices, layer_radii, aperture, parts, like)
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]
 

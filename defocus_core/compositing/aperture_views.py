@@ -1,4 +1,4 @@
-"""What each part of the aperture sees of a tile, as surfaces are added front to back."""
+"""Colours and coverage of a tile through each part of the aperture, composited front to back."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from defocus_core.images.box import Box
 
 
 class Fronts:
-    """What is seen so far.
+    """The surfaces of a tile composited so far.
 
     Attributes:
         seen: For each group of m parts [m, C + 1, h, w]: colour times coverage, then coverage.
-        moved: [m, C, h, w], what shifts of less than a pixel add to the colours of the last group;
-            None if nothing.
-        invented: [m, h, w], how much of the coverage of the first group is not known; None if
-            everything is.
+        moved: [m, C, h, w], the change of the last group's colours by shifts of less than a pixel;
+            None if there is none.
+        invented: [m, h, w], coverage of the first group by invented surfaces; None if there is
+            none.
     """
 
     def __init__(
         self, blank: list[Tensor], full: list[Tensor | float], doubt: float | None
     ) -> None:
-        """Begin with nothing.
+        """Begin without surfaces.
 
         Args:
             blank: As `seen`: zeros, which are overwritten.
-            full: What is covered at most, for each group.
+            full: Greatest coverage of each group.
             doubt: Share of a part up to which gaps between visible surfaces may be errors.
         """
         self.seen = blank
@@ -38,11 +38,11 @@ class Fronts:
         self._doubt = doubt
 
     def add(self, layers: list[dict[int, Shown]]) -> None:
-        """Add visible surfaces: layers of each group by their numbers."""
-        for group, (of_group, most) in enumerate(zip(layers, self._full, strict=True)):
+        """Add visible surfaces, given for each group as layers by their numbers."""
+        for group, (surfaces, most) in enumerate(zip(layers, self._full, strict=True)):
             seen = self.seen[group]
-            for number in sorted(of_group):
-                box, layer, by = of_group[number]
+            for number in sorted(surfaces):
+                box, layer, by = surfaces[number]
                 within = box.of(most) if isinstance(most, Tensor) else most
                 share = share_behind(box.of(seen), layer, within)
                 seen = add_within(seen, box, layer, share)
@@ -52,15 +52,16 @@ class Fronts:
             self.seen[group] = seen
 
     def are_full(self, *, known: bool) -> bool:
-        """Whether there is nothing left that something hidden, known or not, might fill."""
+        """Whether no gap is left that a hidden surface, known or invented, may fill."""
         return all(is_full(seen, self._most(i, known)) for i, seen in enumerate(self.seen))
 
     def fill(self, hidden: list[Tensor | None], *, known: bool) -> None:
-        """Add what is hidden.
+        """Add a hidden surface.
 
         Args:
-            hidden: Of each group [m, C + 1, h, w] over the tile; None if nothing is.
-            known: Whether it is.
+            hidden: The surface over the tile for each group, [m, C + 1, h, w]; None where it is
+                absent.
+            known: Whether the surface is known, not invented.
         """
         for group, layer in enumerate(hidden):
             seen, most = self.seen[group], self._most(group, known)
@@ -73,7 +74,7 @@ class Fronts:
             self.seen[group] = add_within(seen, whole, layer, share)
 
     def _most(self, group: int, known: bool) -> Tensor | float:
-        """What is covered at most in the end."""
+        """Greatest coverage of a group once a hidden surface is added."""
         if known or self._doubt is None:
             return self._full[group]
         return filled_up_to(self.seen[group], self._full[group], self._doubt)

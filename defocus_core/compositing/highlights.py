@@ -1,9 +1,8 @@
-"""Highlights: the few brightest pixels, taken apart from the picture.
+"""Highlights: the few brightest pixels, separated from the picture.
 
 Almost all energy of a scene with lights is in few pixels. Layers would fade the discs that a wire
 before them clips, and a transform would spread rounding noise of 1e-7 of their brightness over
-everything. So the light of such a pixel is taken out of the layers, to be drawn as a disc of its
-own.
+everything. So the light of such a pixel is taken out of the layers and drawn as a disc of its own.
 """
 
 from __future__ import annotations
@@ -37,11 +36,11 @@ class Highlights(NamedTuple):
 
 
 def threshold(brightness: Ranks, most: float) -> float:
-    """What a pixel must exceed to be a highlight.
+    """The brightness above which a pixel is a highlight.
 
     Args:
-        brightness: Of all pixels of the frame.
-        most: The greatest.
+        brightness: The brightness of all pixels of the frame.
+        most: The greatest brightness.
     """
     most = max(most, 0.0)  # negative light is never a highlight, nor twice as much of it a bound
     rank = max(1, int(_ORDINARY * brightness.total))
@@ -52,9 +51,9 @@ def threshold(brightness: Ranks, most: float) -> float:
 
 
 def reached_by(farthest: int) -> int:
-    """Px around a region that lights in it depend on, where light spreads so many px at most.
+    """Px around a region on which its highlights depend, for a greatest blur of `farthest` px.
 
-    A light beside it, and what stands before that light.
+    The disc of a highlight beside the region reaches into it, clipped by a surface before it.
     """
     return 3 * farthest + 2 * BLOCK
 

@@ -17,8 +17,8 @@ from defocus_core.images.box import Box
 
 # Guards 0 / 0 where no coverage is left; it changes no visible share.
 _LEAST_SHARE = 1e-12
-# Coverage below 1 / _SOME is faded to 0, and negative coverage counts as 0.
-_SOME = 1e9
+# Coverage below 1 / _STEEP is faded to 0, and negative coverage counts as 0.
+_STEEP = 1e9
 # Coverage below this many roundings is noise of the transforms: the share gets no gradient, for
 # every further layer would multiply it.
 _CERTAIN = 100
@@ -45,7 +45,7 @@ def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Ten
         [M, 1, h, w].
     """
     left, coverage = full - seen[:, -1:], layer[:, -1:]
-    added = torch.minimum(left, coverage * _SOME).clamp_(min=0)
+    added = torch.minimum(left, coverage * _STEEP).clamp_(min=0)
     share = added / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
@@ -80,21 +80,21 @@ def filled_up_to(seen: Tensor, full: Tensor | float, doubt: float) -> Tensor:
     return covered + left * (left / doubt).clamp(max=1)
 
 
-def add_within(total: Tensor, box: Box, some: Tensor, share: Tensor | None = None) -> Tensor:
+def add_within(total: Tensor, box: Box, values: Tensor, share: Tensor | None = None) -> Tensor:
     """Add values [M, C, h, w] of a rectangle, times a share, to a total [M, C, H, W].
 
     The total is overwritten by the result unless gradients are enabled.
     """
     if not torch.is_grad_enabled():
-        here = box.of(total)
-        here.add_(some) if share is None else here.addcmul_(some, share)
+        window = box.of(total)
+        window.add_(values) if share is None else window.addcmul_(values, share)
         return total
     H, W = total.shape[-2:]
     ends = W - box.left - box.width, H - box.top - box.height
     around = (box.left, ends[0], box.top, ends[1])
     if share is None:
-        return total + pad(some, around)
-    return total.addcmul(pad(some, around), pad(share, around))
+        return total + pad(values, around)
+    return total.addcmul(pad(values, around), pad(share, around))
 
 
 def add_light(seen: Tensor, light: Tensor) -> Tensor:

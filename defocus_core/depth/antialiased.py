@@ -1,11 +1,11 @@
 """Anti-aliased depth made hard again: pixels on edges hold averages of both surfaces.
 
-Who filters depth like colours, or resizes it, writes depths at which no surface is. Pixels would be
-drawn with radii between those of both surfaces; and as most averages of distance have nearly the
-radius of the farther one, near surfaces would lose a pixel all around. Each average is given to
-the surface it is closer to, again and again (Kramer and Bruckner 1975). That is compared as what
-was averaged, distance or disparity: as there are as many averages on either side of an edge, they
-lie in the middle of it in the mean.
+A depth map that was filtered like colours, or resized, holds depths at which there is no surface.
+Such pixels would be drawn with radii between those of both surfaces; and as most averages of
+distance have nearly the radius of the farther surface, near surfaces would lose a pixel all around.
+Each average gets the radius of the surface that it is closer to, in a few rounds (Kramer and
+Bruckner 1975). Closeness is measured in the quantity that was averaged, distance or disparity.
+Averages are spread evenly over an edge, so the mean of their places tells which quantity it was.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from defocus_core.images.sparse_masks import places_of
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = 1.013
-# Px around an edge in which both surfaces are seen, and rounds in which averages become theirs.
+# Px around an edge in which both surfaces are seen, and rounds that replace averages.
 _BESIDE, _ROUNDS = 3, 2
-# A step that goes on by as much of itself is a slope: its pixels are no averages.
+# If the next step beyond a step is more than this share of it, both are one slope, not an edge.
 _SLOPE = 0.4013
-# The share of the range over 7 px that 3 of them have at least on an edge: on a slope they have a
-# third. On a wide edge the share of the range over 5 px, beside a bend: a pixel that is so far off
-# the middle of the range over 3 px, as a share of this.
+# Least share of the range over 7 px that 3 px span on an edge; on a slope they span a third. On a
+# wide edge, the least share of the range over 5 px that 3 px span beside a bend. A bend: a pixel
+# whose distance from the middle of the range over 3 px is more than this share of the range.
 _ABRUPT, _WIDE, _BENT = 0.3613, 0.2513, 0.3013
-# To tell such depth: the first share above, between which places on an edge a pixel is an average,
-# and how level the pixels beside a hard step are.
+# Diagnosis: the share that 3 px span on an edge; the place on an edge, from either end, from which
+# a pixel is an average; and the greatest slope beside a hard step, as a share of the step.
 _SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
-# Every how many rows and columns from either end are looked at for that; how many averages there
-# are at least, for each hard step, and for each pixel on a wide edge.
+# Distance of the rows and columns in the sample, counted from either end. Least number of averages:
+# at all, for each hard step, and for each pixel on a wide edge.
 EVERY, _LEAST, _EACH, _WIDER = 16, 8, 2, 0.25
-# Px of radius from that of infinity within which all is as far.
+# Radii less than this many px from the radius of infinity count as this far from it.
 _INFINITE = 2.0**-12
 # Px around a pixel that decide what it becomes.
 AROUND = _BESIDE + 1 + 2 * _ROUNDS
@@ -43,49 +43,52 @@ AROUND = _BESIDE + 1 + 2 * _ROUNDS
 def averages(
     signed_radius: Tensor, rows: list[int], columns: list[int], infinity: float | None
 ) -> Tensor:
-    """What some rows and columns of radii [H, W] px tell: [2, 4], of disparity and of distance.
+    """Counts of averages on edges in a sample of rows and columns: [2, 4].
 
-    How many pixels of narrow edges are averages, the sum of their places on these from 0 to 1, how
-    many pixels are on wide edges, and how many hard steps there are.
+    The first row of the result counts averages of disparity, the second averages of distance: the
+    averages on narrow edges, the sum of their places on these edges from 0 to 1, the pixels on wide
+    edges, and the hard steps.
 
     Args:
         signed_radius: [H, W] px.
-        rows: The numbers of those that are looked at, one in EVERY / 2.
-        columns: The same.
+        rows: Numbers of the rows in the sample, one in EVERY / 2.
+        columns: Numbers of the columns in the sample.
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
     """
     r = signed_radius.detach()
     across, down = (
-        r.index_select(dim, torch.tensor(some, device=r.device))
-        for dim, some in enumerate((rows, columns))
+        r.index_select(dim, torch.tensor(sample, device=r.device))
+        for dim, sample in enumerate((rows, columns))
     )
     return _along(across, infinity) + _along(down.mT.contiguous(), infinity)
 
 
-def averaged_from(found: Tensor, infinity: float | None, soft: int) -> float | None:
-    """Of what the depth of a frame holds averages.
+def averaged_from(counts: Tensor, infinity: float | None, soft: int) -> float | None:
+    """The quantity that was averaged on the edges of a frame.
 
     Args:
-        found: [2, 4], the sum of its `averages`.
-        infinity: As for them.
-        soft: How many pixels of it lie on edges that are several px wide.
+        counts: [2, 4], the sum of `averages` over the frame.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+        soft: Number of pixels of the frame on edges that are several px wide.
 
     Returns:
-        `infinity` if of distance, math.inf if of disparity, None if edges are mostly hard or soft.
+        `infinity` for distance, math.inf for disparity, None if edges are mostly hard or soft.
     """
-    most, _, wide, _ = max(found.tolist())
+    most, _, wide, _ = max(counts.tolist())
     if most <= max(_WIDER * wide, _LEAST, 4 * soft / EVERY):
         return None
-    mostly = [
-        (abs(place / count - 0.5), of)
-        for (count, place, _, hard), of in zip(found.tolist(), (math.inf, infinity), strict=True)
+    off_middle = [
+        (abs(place / count - 0.5), limit)
+        for (count, place, _, hard), limit in zip(
+            counts.tolist(), (math.inf, infinity), strict=True
+        )
         if count > _EACH * hard
     ]
-    return min(mostly, key=lambda one: one[0])[1] if mostly else None
+    return min(off_middle, key=lambda candidate: candidate[0])[1] if off_middle else None
 
 
 def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
-    """Radii [H, W] px of which those of averages are those of surfaces beside them.
+    """Radii [H, W] px in which averages have the radii of surfaces beside them.
 
     Args:
         signed_radius: [H, W] px.
@@ -116,19 +119,19 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
 
 
 def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
-    """What is proportional to disparity, or to distance if that of infinity is finite."""
+    """Radii as disparity, or as distance if the radius of infinity is finite, in any unit."""
     if math.isinf(infinity):
         return radii
     return (infinity - radii).clamp(min=_INFINITE).reciprocal()
 
 
 def _as_radii(values: Tensor, infinity: float) -> Tensor:
-    """The radii in px of which something is `_as_averaged`."""
+    """Radii in px from the values of `_as_averaged`."""
     return values if math.isinf(infinity) else infinity - values.reciprocal()
 
 
 def _edges(radii: Tensor, infinity: float) -> Tensor:
-    """The pixels [H, W] of edges and next to them."""
+    """Whether pixels [H, W] are on an edge or next to one."""
     if min(radii.shape) <= _BESIDE:
         return torch.zeros_like(radii, dtype=torch.bool)
     values = _as_averaged(_going_on(radii), infinity)
@@ -141,12 +144,12 @@ def _edges(radii: Tensor, infinity: float) -> Tensor:
             bent = (values - (least + most) / 2).abs_() > _BENT * ranges[0]
     matters = _as_radii(most, infinity) - _as_radii(least, infinity) > _MATTERS
     bent = extreme_around(bent, 1, torch.maximum) & (ranges[0] > _WIDE * ranges[1])
-    found = matters & (bent | (ranges[0] > _ABRUPT * ranges[2]))
-    return found[_BESIDE:-_BESIDE, _BESIDE:-_BESIDE]
+    edges = matters & (bent | (ranges[0] > _ABRUPT * ranges[2]))
+    return edges[_BESIDE:-_BESIDE, _BESIDE:-_BESIDE]
 
 
 def _going_on(values: Tensor) -> Tensor:
-    """Values [H, W] with those that would follow beyond the borders: slopes go on as slopes."""
+    """Values [H, W] continued beyond the borders by _BESIDE px: slopes go on as slopes."""
     for dim in (0, 1):
         n = values.shape[dim]
         first, last = values.narrow(dim, 0, 1), values.narrow(dim, n - 1, 1)
@@ -157,28 +160,31 @@ def _going_on(values: Tensor) -> Tensor:
 
 
 def _along(rows: Tensor, infinity: float | None) -> Tensor:
-    """What rows [n, L] tell by themselves."""
-    found = rows.new_zeros((2, 4), dtype=torch.float64)
+    """The counts [2, 4] of `averages` along rows [n, L] px."""
+    counts = rows.new_zeros((2, 4), dtype=torch.float64)
     if rows.shape[1] <= 2 * _BESIDE:
-        return found
+        return counts
     apart = (rows[:, 2 * _BESIDE :] - rows[:, : -2 * _BESIDE]).abs() > _MATTERS
     radii = rows.unfold(1, 2 * _BESIDE + 1, 1)[apart]
-    for told, limit in zip(found, (math.inf, infinity), strict=True):
+    for of_quantity, limit in zip(counts, (math.inf, infinity), strict=True):
         if limit is not None:
             before, here, after = steps_beside(_as_averaged(rows, limit), 1)
             step = here if math.isinf(limit) else steps_beside(rows, 1)[1]
             level = _LEVEL * here - torch.maximum(before, after)
             hard = torch.count_nonzero(torch.minimum(step - _MATTERS, level) > 0)
             place, average, wide = _on_edges(_as_averaged(radii, limit))
-            told.copy_(torch.stack([average.sum(), (place * average).sum(), wide.sum(), hard]))
-    return found
+            sums = average.sum(), (place * average).sum(), wide.sum(), hard
+            of_quantity.copy_(torch.stack(sums))
+    return counts
 
 
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Of the middle ones of 7 values [m, 7]: where on an edge, from 0 to 1, they are.
+    """The places of the middle ones of 7 values [m, 7] on an edge.
 
-    And which are on a narrow one, which on a wide one. The values around these go up or go down
-    only, and level off at an end.
+    On an edge the values go up only or down only, and level off at an end.
+
+    Returns:
+        [m] places from 0 to 1; [m] bool, on a narrow edge; [m] bool, on a wide edge.
     """
     close, near, all_seven = (
         torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)
@@ -187,8 +193,8 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     place = (values[:, _BESIDE] - near.min) / torch.where(size > 0, size, 1.0)
     step, level = values.diff(dim=1), _LEVEL * whole
     least, most = torch.aminmax(step[:, 1:-1], dim=1)
-    some = (place > _AVERAGE) & (place < 1 - _AVERAGE)
-    some &= (least >= -level) | (most <= level)
-    some &= torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level
+    on_edge = (place > _AVERAGE) & (place < 1 - _AVERAGE)
+    on_edge &= (least >= -level) | (most <= level)
+    on_edge &= torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level
     abrupt = within > _SURELY * whole
-    return place, some & abrupt, some & ~abrupt
+    return place, on_edge & abrupt, on_edge & ~abrupt

@@ -16,16 +16,16 @@ from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.source import Pixels, bands, spread
 from defocus_core.runtime.threads import threaded
 
-# Share of a frame that edges may be: what is steep nearly everywhere is a surface.
+# Greatest share of a frame that edges take; a frame that is steep beyond it is a steep surface.
 _EDGES = 0.25
-# Hard edges to a pixel on a ramp that make a surface of this one.
+# Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
 _RARE = 16
-# Every how many rows, from either end of the frame, are searched for levels.
+# Distance of the rows that are searched for levels, counted from either end of the frame.
 _LEVEL_ROWS = 12
 
 
 class _Evidence(NamedTuple):
-    """What a band of rows shows of the repair that the frame needs.
+    """The share of a band of rows in the evidence for the repair that a frame needs.
 
     Attributes:
         scatter: From `scatter_counts`.
@@ -48,7 +48,7 @@ class DepthRepair(NamedTuple):
     """The repair of a depth map.
 
     Attributes:
-        noise: Standard deviation in px of the noise that is smoothed; None if there is none.
+        noise: Standard deviation in px of noise, which is smoothed; None for no noise.
         antialiased: For edges of averages, made hard: the signed radius in px at infinity if they
             average distance, infinity if they average disparity; None if edges are no averages.
         soft_edges: Slope in px per px of soft edges, moved to the edges of colour; None if most
@@ -67,12 +67,12 @@ class DepthRepair(NamedTuple):
 def diagnosed(
     signed_radius: Pixels, infinity: float | None, threads: int, noise: float | None = None
 ) -> DepthRepair:
-    """The repair that radii need; of noisy ones only their noise, which hides all else.
+    """The repair that radii need; for noisy radii only the noise, which hides everything else.
 
     Args:
         signed_radius: [H, W] px.
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
-        threads: Bands of rows looked at at once.
+        threads: Number of bands of rows examined at once.
         noise: Standard deviation in px of the noise that was smoothed; None to look for noise.
     """
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
@@ -80,13 +80,12 @@ def diagnosed(
     def evidence(rows: tuple[int, int]) -> _Evidence:
         return _evidence(signed_radius, rows, dtype, infinity)
 
-    bands_of = bands(*signed_radius.shape)
-    found = list(threaded(evidence, bands_of, threads))
+    of_bands = list(threaded(evidence, bands(*signed_radius.shape), threads))
     if noise is None:
-        noise = noise_from(torch.stack([band.scatter for band in found]).sum(0))
+        noise = noise_from(torch.stack([band.scatter for band in of_bands]).sum(0))
         if noise is not None:
             return DepthRepair(noise=noise)
-    return _repair(signed_radius, found, infinity)._replace(noise=noise)
+    return _repair(signed_radius, of_bands, infinity)._replace(noise=noise)
 
 
 def _evidence(
@@ -110,34 +109,36 @@ def _evidence(
             ramps = (slope[above : above + len(r)] > STEEP).sum()
         averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
     scatter = scatter_counts(around, rows[0] - above, rows, H)
-    some = spread(H, _LEVEL_ROWS, *rows)
-    levels = levels_of(r[some], below[1:][[i for i in some if i + 1 < len(below)]])
+    sample = spread(H, _LEVEL_ROWS, *rows)
+    levels = levels_of(r[sample], below[1:][[i for i in sample if i + 1 < len(below)]])
     return _Evidence(scatter, ends, softest, ramps, levels, averaged)
 
 
-def _repair(signed_radius: Pixels, found: list[_Evidence], infinity: float | None) -> DepthRepair:
+def _repair(
+    signed_radius: Pixels, of_bands: list[_Evidence], infinity: float | None
+) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
-    ends = torch.stack([band.ends for band in found])
+    ends = torch.stack([band.ends for band in of_bands])
     if not bool(torch.isfinite(ends).all()):
         return DepthRepair()  # a picture of such depth is refused
-    softest = float(torch.stack([band.softest for band in found]).amax())
-    ramps = torch.stack([band.ramps for band in found]).sum()
+    softest = float(torch.stack([band.softest for band in of_bands]).amax())
+    ramps = torch.stack([band.ramps for band in of_bands]).sum()
     soft_edges = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
     soft = _mostly_soft(signed_radius, soft_edges) if softest > soft_edges else 0
-    averaged = torch.stack([band.averages for band in found]).sum(0)
+    averaged = torch.stack([band.averages for band in of_bands]).sum(0)
     antialiased = averaged_from(averaged, infinity, soft)
     return DepthRepair(
         antialiased=antialiased,
         ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
         soft_edges=soft_edges if soft and antialiased is None else None,
-        quantised=are_few([band.levels for band in found]),
+        quantised=are_few([band.levels for band in of_bands]),
     )
 
 
 def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
-    """Whether pixels on steep ramps, of which there are some, stand for edges.
+    """Whether the given number of pixels on steep ramps are edges that the depth map has smoothed.
 
-    A few among many hard edges are surfaces, seen where they pass between two others.
+    A few ramps among many hard edges are surfaces that are seen between two others.
     """
     hard, enough = 0, _RARE * pixels
     for first, last in bands(*signed_radius.shape):
@@ -148,9 +149,9 @@ def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
 
 
 def _mostly_soft(signed_radius: Pixels, steep: float) -> int:
-    """How many pixels of a frame lie on soft edges of some slope; 0 if more are beside hard ones.
+    """The number of pixels on soft edges steeper than a slope; 0 if hard edges have more pixels.
 
-    Or if they lie on a surface that is as steep: in a frame of few px each surface is.
+    And 0 if so large a share of the frame is steep that it is a surface, as in a frame of few px.
     """
     soft = hard = 0
     for first, last in bands(*signed_radius.shape):

@@ -1,9 +1,10 @@
 """Noise of depth, taken out: a surface in focus would have holes where its radii scatter.
 
-A pixel that seems out of focus among sharp ones spreads its light, and what lies far behind would
-show in the gap. What scatters from pixel to pixel all over a frame, by less than the steps between
-surfaces, is no shape: sensors and stereo matching leave it. Each pixel gets the mean of those
-around it that are as near; they count in pairs from both sides of it, so that slopes stay.
+A pixel that seems out of focus among sharp pixels spreads its light, and the far background would
+show in the gap. Scatter from pixel to pixel all over a frame, smaller than the steps between
+surfaces, is noise of a sensor or of stereo matching, not shape. Each pixel gets the mean of the
+pixels around it that are about as near. They count in pairs from both sides of the pixel, so that
+slopes stay.
 """
 
 from __future__ import annotations
@@ -17,25 +18,25 @@ from torch.nn.functional import pad
 
 from defocus_core.images.source import spread
 
-# Every how many rows and columns a pixel is compared with those beside it.
+# Distance of the rows and columns in the sample of pixels that are compared with their neighbours.
 _EVERY = 16
-# Steps in px between neighbours up to which they may belong together, and the share that must.
+# Greatest step in px between neighbours of one surface, and the least share of such neighbours.
 _STEP, _TOGETHER = 2.513, 0.5
-# By how many px a pixel sticks out from both neighbours at least if it is noisy, and the share of
-# the pixels that must: two thirds do where all is noise.
+# Least distance in px of a noisy pixel from the mean of its neighbours, and the least share of such
+# pixels in a noisy frame: two thirds stick out where everything is noise.
 _LEAST, _SHARE = 0.02013, 0.1
-# Intervals, evenly spaced in the logarithm, in which these numbers are counted.
+# Number of intervals of the histogram of these distances, evenly spaced in the logarithm.
 _INTERVALS = 48
-# Median of by how much they do, from the mean of the two, in standard deviations.
+# Median distance from the mean of two neighbours, in standard deviations of the noise.
 _MEDIAN = 1.1606
-# What is off by so many standard deviations, or px, belongs to another surface; unless it stands
-# alone and is off by no more than that.
+# Difference in standard deviations, and in px, from which on a pixel is of another surface; and the
+# greater one, in standard deviations, for a pixel that has no other near pixel.
 _SURE, _MOST, _ALONE = 4.0, 3.513, 6.0
-# The pixels within so many px are looked at, so many times.
+# Radius in px of the disc whose pixels are averaged, and the number of rounds.
 _NEAR, _TIMES = 2, 2
 # Px around a pixel that decide what it becomes.
 AROUND = _NEAR * _TIMES
-# Half of them; the others lie opposite.
+# Half of the disc's offsets; the other half lies opposite.
 _HALF = [
     (y, x)
     for y in range(_NEAR + 1)
@@ -47,12 +48,12 @@ _OUTSIDE = 1e18
 
 
 def scatter_counts(band: Tensor, first: int, rows: tuple[int, int], height: int) -> Tensor:
-    """Counts of pixels by their scatter, of a sample of some rows of a frame: [_INTERVALS + 3].
+    """Histogram of scatter in a sample of pixels of a band of rows: [_INTERVALS + 3].
 
     Args:
-        band: [h, W] px, these rows and at least the ones beside them that are in the frame.
+        band: [h, W] px, the counted rows and at least the rows of the frame beside them.
         first: The number of the first row of the band.
-        rows: First and last row + 1.
+        rows: The counted rows, [first, end).
         height: Rows of the frame.
     """
     W = band.shape[1]
@@ -66,11 +67,11 @@ def scatter_counts(band: Tensor, first: int, rows: tuple[int, int], height: int)
 def noise_from(counts: Tensor) -> float | None:
     """The standard deviation in px of the noise of a frame; None if there is none.
 
-    What scatters over much of a frame is taken for noise, whatever it is: relief as small as that
-    would be blurred alike.
+    Scatter over much of a frame is taken for noise, whatever it is: relief as fine as noise would
+    look the same once it is blurred.
 
     Args:
-        counts: The sum of the `scatter_counts` of its rows.
+        counts: The sum of `scatter_counts` over all rows of the frame.
     """
     apart, alike, *noisy = counts.tolist()
     together = alike + sum(noisy)
@@ -86,26 +87,27 @@ def _interval_ends() -> Tensor:
 
 
 def _scatter(r: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """By how many px some pixels stick out from the mean of two neighbours; -1 if these are far.
+    """Distance in px of pixels from the mean of two neighbours; -1 if a neighbour is far.
 
-    Both neighbours beside it, and both above and below it. On slopes and on terraces none does.
+    Once for the neighbours above and below a pixel, once for the neighbours to its left and right.
+    The distance is 0 where the pixel lies between both neighbours, as on slopes and on terraces.
     """
     rows, columns = rows.to(r.device, torch.long), columns.to(r.device)
 
     def beside(down: int, across: int) -> Tensor:
         return r.index_select(0, rows + down).index_select(1, columns + across).float()
 
-    here, found = beside(0, 0), []
+    middle, distances = beside(0, 0), []
     for down, across in ((1, 0), (0, 1)):
-        before, after = (beside(way * down, way * across) - here for way in (-1, 1))
+        before, after = (beside(way * down, way * across) - middle for way in (-1, 1))
         near = torch.maximum(before.abs(), after.abs()) <= _STEP
         off = torch.where(before * after > 0, ((before + after) / 2).abs(), 0.0)
-        found.append(torch.where(near, off, -1.0).flatten())
-    return torch.cat(found)
+        distances.append(torch.where(near, off, -1.0).flatten())
+    return torch.cat(distances)
 
 
 def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
-    """Radii [H, W] px without noise of some standard deviation in px."""
+    """Radii [H, W] px without noise of the given standard deviation in px."""
     radii = signed_radius.to(torch.promote_types(signed_radius.dtype, torch.float32))
     most = torch.full_like(radii, min(_SURE * noise, _MOST))
     for _ in range(_TIMES):
@@ -115,7 +117,12 @@ def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
 
 
 def _smoothed(radii: Tensor, most: Tensor) -> tuple[Tensor, Tensor]:
-    """Means of the pixels around that differ by no more than so many px; and where none does."""
+    """Means [H, W] of the near pixels around each pixel, and where no pixel is near.
+
+    Args:
+        radii: [H, W] px.
+        most: [H, W] px, the greatest difference of a near pixel.
+    """
     H, W = radii.shape
     framed = pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
 

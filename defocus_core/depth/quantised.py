@@ -1,9 +1,9 @@
-"""Depth in few levels, made smooth again: a surface has small steps between two levels.
+"""Quantised depth made smooth again: small steps between levels become slopes.
 
-An 8-bit depth map shows a slope as terraces. Where the radius steps by up to a pixel no surface
-ends, but one step of nearly a pixel leaves a gap as wide, through which one would see, as a thin
-line, what lies far behind. Pixels beside such steps get the mean radius of those around them, as
-far as one surface goes.
+An 8-bit depth map shows a slope as terraces. No surface ends where the radius steps by up to a
+pixel, but a step of nearly a pixel would leave a gap as wide, and the far background would show
+through it as a thin line. Pixels beside such steps get the mean radius of the pixels around them,
+as far as one surface goes.
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ from torch import Tensor
 from defocus_core.images.neighbourhoods import extreme_around, steps_beside
 from defocus_core.images.source import spread
 
-# Of depth in levels: the share of neighbours that are alike, of the others the shares between which
-# there is no edge, and a step that matters; and the numbers of different radii.
+# Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
+# least share within one surface, and the least share of these with a step that matters; and the
+# bounds on the number of different radii.
 _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
-# Every how many columns are looked at for that: sorting takes long, so it comes last.
+# Distance of the columns that are sampled for different radii: to sort them takes long.
 _EVERY = 16
-# Steps in px between two terraces; and what is flat beside them, as a share of the step.
+# Least and greatest step in px between terraces, and the greatest slope of a terrace beside a step,
+# as a share of the step.
 _LEAST, _MOST, _FLAT = 0.2013, 1.013, 0.1013
 # Px over which a step is spread to each side.
 _WIDE = 4
@@ -31,12 +33,13 @@ AROUND = 2 * _WIDE + 2
 
 
 class Levels(NamedTuple):
-    """What a part of a frame tells of the levels of its depth.
+    """Evidence of levels in a part of a depth map.
 
     Attributes:
-        steps: Along both axes how many steps there are, and how many are none, too small to
-            matter, and too small for an edge: [2][4]; empty if neighbours are mostly not alike.
-        radii: [n, k] px of some pixels, evenly spread; None likewise.
+        steps: [2][4], along both axes the numbers of steps: all, zero, too small to matter, and too
+            small for an edge. Empty if most neighbours are not equal.
+        radii: [n, k] px of a sample of pixels, evenly spread; None if most neighbours are not
+            equal.
     """
 
     steps: list[list[int]]
@@ -44,11 +47,11 @@ class Levels(NamedTuple):
 
 
 def levels_of(rows: Tensor, below: Tensor) -> Levels:
-    """Look at some rows of a frame.
+    """The evidence of levels in a sample of rows of a frame.
 
     Args:
         rows: [n, W] px.
-        below: The rows below them, one less at the end of a frame.
+        below: [n, W] px, the rows below them; [n - 1, W] at the end of a frame.
     """
     steps = []
     for step in (rows.diff(dim=1), below - rows[: len(below)]):
@@ -62,20 +65,20 @@ def levels_of(rows: Tensor, below: Tensor) -> Levels:
 
 
 def are_few(levels: list[Levels]) -> bool:
-    """Whether the depth of a frame, of which all parts are told, has but few levels."""
-    found = [part.radii for part in levels if part.radii is not None]
-    if len(found) < len(levels):
+    """Whether the depth of a frame has few levels, from the evidence of all of its parts."""
+    samples = [part.radii for part in levels if part.radii is not None]
+    if len(samples) < len(levels):
         return False
     for axis in zip(*(part.steps for part in levels), strict=True):
         count, same, least, small = (sum(numbers) for numbers in zip(*axis, strict=True))
         if small - same <= _SMALL * (count - same) or small - least <= _MATTERS * (count - same):
             return False
-    every: Tensor = torch.unique(torch.cat([torch.unique(radii) for radii in found]))
-    return _FEW < len(every) <= _MANY
+    different: Tensor = torch.unique(torch.cat([torch.unique(radii) for radii in samples]))
+    return _FEW < len(different) <= _MANY
 
 
 def without_terraces(signed_radius: Tensor) -> Tensor:
-    """Radii [H, W] px without small steps."""
+    """Radii [H, W] px with slopes in the place of small steps."""
     r = signed_radius.detach()
     steps = _at_a_step(r, -1) | _at_a_step(r, -2)
     if not bool(steps.any()):
@@ -86,7 +89,7 @@ def without_terraces(signed_radius: Tensor) -> Tensor:
 
 
 def _smoothed(radii: Tensor, beside: Tensor, dim: int) -> Tensor:
-    """Radii [H, W] of which the ones beside steps, [H, W], become means along an axis.
+    """Radii [H, W] px whose pixels beside steps, [H, W] bool, become means along an axis.
 
     A mean reaches as far to both sides as the surface goes on: a slope stays as it is.
     """
@@ -106,11 +109,11 @@ def _smoothed(radii: Tensor, beside: Tensor, dim: int) -> Tensor:
 
 
 def _at_a_step(r: Tensor, dim: int) -> Tensor:
-    """The pixels [H, W] on both sides of small steps between terraces along an axis."""
-    found = torch.zeros_like(r, dtype=torch.bool)
-    before, here, after = steps_beside(r, dim)
-    small = (here > _LEAST) & (here <= _MOST) & (torch.maximum(before, after) < _FLAT * here)
+    """Whether pixels [H, W] are beside a small step between terraces along an axis."""
+    beside = torch.zeros_like(r, dtype=torch.bool)
+    before, step, after = steps_beside(r, dim)
+    small = (step > _LEAST) & (step <= _MOST) & (torch.maximum(before, after) < _FLAT * step)
     if n := small.shape[dim]:
         for first in (1, 2):
-            found.narrow(dim, first, n).logical_or_(small)
-    return found
+            beside.narrow(dim, first, n).logical_or_(small)
+    return beside

@@ -1,4 +1,4 @@
-"""Repair of a depth map before anything is rendered: diagnosed once, done once, and recorded."""
+"""Repair of a depth map before rendering: diagnosed once, done once, and recorded."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from defocus_core.depth.soft_edges import with_hard_edges
 from defocus_core.images.derived import Repaired, held
 from defocus_core.images.source import Pixels
 
-# Whether depth is repaired: where it needs repair, or never.
+# Choices of depth repair: "auto" repairs a depth map that needs it, "off" none.
 DEPTH_REPAIRS = ("auto", "off")
 
 
@@ -33,15 +33,15 @@ def repaired(
     threads: int,
     hold: bool,
 ) -> tuple[Pixels, DepthRepair]:
-    """Signed radii of surfaces, as a renderer would write them, and the repair that made them so.
+    """Signed radii as a renderer of scenes would write them, and the repair that was needed.
 
-    Noise comes first, for it hides all else; then edges, then quantisation.
+    Noise comes first, for it hides everything else; then edges, then quantisation.
 
     Args:
         signed_radius: [H, W] px, as given.
-        pixels: [C, H, W] linear, whose edges tell where soft edges of depth belong.
+        pixels: [C, H, W] linear; soft edges of depth are moved to their edges.
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
-        threads: Bands of rows computed at once.
+        threads: Number of bands of rows computed at once.
         hold: Whether there is room for the repaired radii of a large picture that is no tensor;
             without room each window is repaired when it is cut.
 
@@ -71,7 +71,7 @@ def diagnose_depth(
     Args:
         signed_radius: [H, W] px.
         infinity: As for `render`.
-        threads: To compute with.
+        threads: Number of bands of rows examined at once.
     """
     hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
@@ -81,7 +81,7 @@ def diagnose_depth(
 def _diagnosed(
     signed_radius: Pixels, infinity: float | None, threads: int, *, hold: bool
 ) -> tuple[Pixels, DepthRepair]:
-    """Radii [H, W] px without noise, and the repair that they and the given ones need."""
+    """Radii [H, W] px without noise, and the repair that given and noise-free radii need."""
     repair = diagnosed(signed_radius, infinity, threads)
     if repair.noise is None:
         return signed_radius, repair

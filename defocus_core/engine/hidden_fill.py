@@ -24,22 +24,19 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.layers.ladder import position
 from defocus_core.layers.sliced_surface import Samples
 
-# Greatest gain of coverage: at half of the resolution edges are soft, and would leave gaps.
-_FILLS = 2.0
-
 
 class Hidden:
     """A hidden surface over a tile, as each group of m parts of the aperture sees it."""
 
     def __init__(
-        self, octaves: list[dict[int, Tensor]], enlarged: Callable[[Tensor, float], Tensor]
+        self, octaves: list[dict[int, Tensor]], enlarged: Callable[[Tensor], Tensor]
     ) -> None:
         """Keep the octaves of blur of the surface.
 
         Args:
             octaves: For each group the octaves [m, C + 1, h, w], in cells; octaves of one side of
                 focus add up, the sides occlude each other.
-            enlarged: Makes px of cells, so many times as bright.
+            enlarged: Makes px of cells.
         """
         self._octaves = octaves
         self._enlarged = enlarged
@@ -47,14 +44,14 @@ class Hidden:
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
         of_groups = (octaves.get(octave) for octaves in self._octaves)
-        return [None if cells is None else self._enlarged(cells, 1.0) for cells in of_groups]
+        return [None if cells is None else self._enlarged(cells) for cells in of_groups]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
         whole: list[Tensor | None] = []
         for octaves in self._octaves:
             sides = [side for s in (-1, 0, 1) if (side := _side(octaves, s)) is not None]
-            whole.append(self._enlarged(_occluding(sides), _FILLS) if sides else None)
+            whole.append(self._enlarged(_occluding(sides)) if sides else None)
         return whole
 
 
@@ -114,11 +111,11 @@ class Filling:
             self._octaves(layers, size) for layers in self._blur.over_tile(self._sliced, index)
         ]
 
-        def enlarged(surface: Tensor, times: float) -> Tensor:
+        def enlarged(surface: Tensor) -> Tensor:
             if not self.halvings:
                 return surface
             rows, columns = (self._between(d, tile, cells, surface) for d in (0, 1))
-            return resampled(surface, rows.scaled(times), columns)
+            return resampled(surface, rows, columns)
 
         return Hidden(octaves, enlarged)
 

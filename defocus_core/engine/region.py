@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.blur.layer_blur import Blur, Sliced
 from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.bokeh_discs import draw
-from defocus_core.compositing.frame_border import share_in_frame, share_observed
+from defocus_core.compositing.frame_border import share_in_frame
 from defocus_core.compositing.highlights import split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
 from defocus_core.engine.frame import Frame
@@ -102,7 +102,7 @@ class Region:
             return None
         aperture, parts, _, groups = frame.division
         return [
-            share_in_frame(signed_radius, core, frame.size, frame.farthest, aperture, parts[group])
+            share_in_frame(signed_radius, core, frame.size, aperture, parts[group])
             for group in groups
         ]
 
@@ -191,8 +191,7 @@ class Region:
         share = self._mean(observed) / self._mean(covered)
         if self._in_frame is not None and not self._is_inside(box):
             expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
-            within = share_observed(covered, expected[:, 0], box, self._frame.size)
-            share = share * self._mean(within)
+            share = share * self._mean(expected[:, 0])
         return share.clamp(0, 1)[None]
 
     def _mean(self, values: Tensor) -> Tensor:

@@ -1,7 +1,7 @@
 """Baseline renderers: layered methods without hidden surfaces.
 
-They use the ladder, the kernels and the transforms of the renderer, and nothing else of it: no
-hidden content, no tiles, no highlights apart. Their time is that of one blur a slice.
+They share the ladder, the kernels and the transforms with the renderer, but have no hidden content,
+no tiles and no separate highlights. Each slice costs one blur.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def plain_sum(
         image: [C, H, W], linear light.
         signed_radius: [H, W] px, negative nearer than focus.
         aperture: The pupil, a round one by default.
-        quality: Whose ladder of slices to use.
+        quality: The quality whose ladder of slices to use.
         threads: Channels transformed at once.
 
     Returns:
@@ -61,10 +61,10 @@ def over(
     Arguments and result are those of `plain_sum`.
     """
     slices = _blurred_slices(image, signed_radius, aperture or Aperture(), quality, threads)
-    seen = next(slices).clone()
+    front = next(slices).clone()
     for layer in slices:
-        seen = seen + (1 - seen[-1:]) * layer
-    return seen[:-1] / seen[-1:].clamp(min=_LEAST_COVERAGE)
+        front = front + (1 - front[-1:]) * layer
+    return front[:-1] / front[-1:].clamp(min=_LEAST_COVERAGE)
 
 
 def _blurred_slices(

@@ -1,9 +1,9 @@
 """The cost of a rendering before it is done: its work, and a bound of its memory.
 
-The renderer's own rules give the slices, tiles and regions of the picture. A look at its radii says
-which slices reach which tiles, and where edges of depth are, behind which content is invented. Work
-is counted in one unit, about the work on a pixel that is copied; how many a machine does in a
-second is for the caller to measure. Memory is counted so that no picture takes more.
+Slices, tiles and regions follow from the rules of the renderer. One pass over the radii tells which
+slices reach which tiles, and counts the pixels at depth edges, behind which content is invented.
+The unit of work is about that of copying one pixel; the caller measures how many units a machine
+does in a second. The bound of memory holds for every picture.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from defocus_core.layers.matting import EDGE
 from defocus_core.runtime.threads import AHEAD
 from defocus_core.stream import Stream
 
-# Units of work, as they explain the times of 42 pictures of seven kinds within a factor of two: for
-# a picture, and for a sample of a pixel that is computed, of one that a draft enlarges, of a slice
-# in a tile, and of what is invented behind an edge, for each px of blur; the last times so many
+# Units of work, fitted to the times of 42 pictures of seven kinds, within a factor of two: of a
+# picture; of a sample (one channel of a pixel) that is computed, or enlarged by a draft, or in a
+# slice of a tile; of a sample at an edge, for each px of blur, and how many times as much that is
 # where hidden content is not halved.
 _PICTURE, _COMPUTED, _ENLARGED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 4.0, 66.0, 5.0
-# Bytes beside what is counted: of the program's own structures, and of the tile of each thread.
+# Bytes of the program's own structures, and of the tile of each thread.
 _FIXED, _OF_THREAD = 10e6, 24e6
-# Copies of a region that are held while it is computed: of its pixels, of those of hidden surfaces,
-# and of those of the left and right views.
+# Copies of a region in memory while it is computed: of its pixels, of its hidden surfaces, and of
+# its left and right views.
 _COPIES, _HIDDEN_COPIES, _VIEW_COPIES = 9, 3, 3
-_STRIP = 1 << 20  # pixels that are looked at together
+_STRIP = 1 << 20  # pixels of the radii to read at once
 
 
 class Cost(NamedTuple):
     """The work of a rendering.
 
     Attributes:
-        slices: Of the ladder.
-        tiles: Of the frame.
-        slice_tiles: Steps of slice and tile of a renderer that skips nothing.
-        slice_tiles_seen: Those in which the tile sees the slice; hidden content adds to them.
-        work: In units.
+        slices: Number of slices of the ladder.
+        tiles: Number of tiles of the frame.
+        slice_tiles: Number of steps (slice x tile, visible and hidden) if none is skipped.
+        slice_tiles_seen: Number of steps in which the visible slice reaches the tile.
+        work: Units of work.
     """
 
     slices: int
@@ -58,11 +58,11 @@ class Cost(NamedTuple):
 
 
 def cost(stream: Stream) -> Cost:
-    """The work of rendering a picture, of which the radii are read once."""
+    """The work of rendering a picture; its radii are read once."""
     frame, radius = stream.frame, stream.signed_radius
     grids = _computed(stream)
     tiles = [tile for grid in grids for tile in grid.tiles]
-    blocks, edges = _looked_at(frame, radius)
+    blocks, edges = _visible_blocks(frame, radius)
     plan = visible_slices(blocks, frame.slices.visible.reaches, tiles) if tiles else []
     seen = sum(map(len, plan))
     samples = stream.image.shape[0] + 1
@@ -81,12 +81,12 @@ def cost(stream: Stream) -> Cost:
 
 
 def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
-    """Bytes that rendering holds at most beside its input and output.
+    """Upper bound of the bytes that rendering takes beside its input and output.
 
     Args:
         stream: The picture.
-        threads: That compute.
-        at_once: Regions computed at once at most.
+        threads: Number of threads that compute.
+        at_once: Most regions that are computed at once.
     """
     frame, channels = stream.frame, stream.image.shape[0]
     size = frame.dtype.itemsize
@@ -109,13 +109,13 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
 
 
 def cells_bytes(shape: tuple[int, ...]) -> float:
-    """Bytes of the cells of a draft of a picture [C, H, W], if they are held."""
+    """Bytes of the cells of a draft of a picture [C, H, W], if they are kept."""
     channels, height, width = shape
     return 3.0 * (channels + 2) * (height // 2 + 1) * (width // 2 + 1) * 4
 
 
 def _computed(stream: Stream) -> list[Grid]:
-    """The regions that are no copies, cut to what is blurred."""
+    """The regions that are computed, cut to their blurred parts; the others are copied."""
     frame, radius = stream.frame, stream.signed_radius
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = (blurred_part(frame, grid, radius) for grid in every)
@@ -127,7 +127,7 @@ def _around(frame: Frame, grid: Grid) -> Box:
     return grid.box.grown(frame.margin, frame.box)
 
 
-def _looked_at(frame: Frame, radius: Pixels) -> tuple[Tensor, int]:
+def _visible_blocks(frame: Frame, radius: Pixels) -> tuple[Tensor, int]:
     """Blocks [K, rows, columns] in which slices have pixels, and the number of pixels at edges."""
     (height, width), blocks, edges = frame.size, [], 0
     rows = max(1, _STRIP // width // BLOCK) * BLOCK
@@ -143,7 +143,7 @@ def _looked_at(frame: Frame, radius: Pixels) -> tuple[Tensor, int]:
 
 
 def _samples_sliced(frame: Frame, tiles: list[Box], plan: list[list[int]]) -> float:
-    """Pixels of tiles with their margins, at the resolution of each slice that they see."""
+    """Pixels of tiles with margins, at the resolution of each slice that reaches them."""
     total = 0.0
     for tile, rungs in zip(tiles, plan, strict=True):
         for rung in rungs:

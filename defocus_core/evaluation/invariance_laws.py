@@ -1,51 +1,39 @@
-"""Laws of invariance: flips, tiles, threads and batches do not change a picture.
-
-Where it is cut into tiles, what computes it, how it is rounded, and what else is asked for.
-"""
+"""Laws of invariance: tiles, threads, rounding and the device do not change a picture."""
 
 from __future__ import annotations
 
 import torch
 
+from defocus_core.evaluation import law_probes as probes
 from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
-from defocus_core.evaluation.law_probes import (
-    Scene,
-    card,
-    rounded,
-    scenes,
-    slope,
-    strips,
-    waves,
-    worst,
-    worst_relative,
-)
+from defocus_core.evaluation.law_probes import Scene
 
 
 def tiles(setting: Setting) -> list[Check]:
     """Tiles leave no seam: a picture is the same where it is part of a larger one.
 
-    But for what is invented behind edges, which continues all that is seen.
+    Pixels with content invented behind edges are left out: it continues all of the visible picture.
     """
-    # px; the border is beyond all reach
+    # px; the border is wider than the blur reaches
     whole, size, (top, left), border = (320, 384), (192, 256), (64, 64), 60
     rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
     off = []
-    for radius in (slope(whole), strips(whole)):
-        large = Scene(waves(whole), radius)
+    for radius in (probes.slope(whole), probes.strips(whole)):
+        large = Scene(probes.waves(whole), radius)
         part = Scene(large.image[:, rows, columns], radius[rows, columns])
         one, other = (rendered(scene, setting, torch.float32) for scene in (part, large))
         observed = one.trust > 1 - 1e-5
         for a, b in zip(pictures(one), pictures(other), strict=True):
             seam = (a - b[:, rows, columns]) * observed
-            off.append(worst(seam[:, border:-border, border:-border]))
+            off.append(probes.worst(seam[:, border:-border, border:-border]))
     return [Check("tiles", "part of a larger picture, difference", "-", greatest(off), 2e-6)]
 
 
 def same_bytes(setting: Setting) -> list[Check]:
-    """Threads, and whether left and right are asked for, change no byte of the centre."""
+    """Threads, and whether left and right are rendered too, change no byte of the centre."""
     size = (200, 210)  # four tiles
     threads, outputs = 0.0, 0.0
-    for scene in (Scene(waves(size), slope(size)), card(-7.0, 5.0, size=size)):
+    for scene in (Scene(probes.waves(size), probes.slope(size)), probes.card(-7.0, 5.0, size=size)):
         one = rendered(scene, setting, torch.float32, threads=1)
         two = rendered(scene, setting, torch.float32, threads=2)
         alone = rendered(scene, setting, torch.float32, left_right=False)
@@ -59,27 +47,26 @@ def same_bytes(setting: Setting) -> list[Check]:
 
 
 def rounding(setting: Setting) -> list[Check]:
-    """Rounding decides nothing: neither that of the renderer nor that of what it is given.
+    """Rounding decides nothing, neither in the renderer nor in its input.
 
-    Which surface is beside, behind or alike is asked of numbers that are often equal, as of depth
-    in levels: a picture that hung on their last bits would be another one on another device.
+    The renderer compares numbers that are often equal, like depth in levels, to find the surfaces
+    beside and behind a pixel. If last bits decided, other devices would render other pictures.
     """
     precision: list[float] = []
-    given: list[float] = []
-    for image, radius in scenes():
+    inputs: list[float] = []
+    for image, radius in probes.scenes():
         scene = Scene(image.float(), radius.float())
         single, changed = (
             pictures(rendered(each, setting, torch.float32))
-            for each in (scene, Scene(*map(rounded, scene)))
+            for each in (scene, Scene(*map(probes.rounded, scene)))
         )
         double = pictures(rendered(scene, setting, torch.float64))
-        for off, others in ((precision, double), (given, changed)):
-            off += [worst_relative(a - b, b) for a, b in zip(single, others, strict=True)]
+        for off, others in ((precision, double), (inputs, changed)):
+            off += [probes.worst_relative(a - b, b) for a, b in zip(single, others, strict=True)]
+    measured = "float32 off float64, of the local maximum"
     return [
-        Check(
-            "rounding", "float32 off float64, of the local maximum", "-", greatest(precision), 2e-5
-        ),
-        Check("rounding", "last bits of what is given, likewise", "-", greatest(given), 2e-5),
+        Check("rounding", measured, "-", greatest(precision), 2e-5),
+        Check("rounding", "last bits of the input, likewise", "-", greatest(inputs), 2e-5),
     ]
 
 
@@ -87,8 +74,10 @@ def devices(setting: Setting) -> list[Check]:
     """The CPU and the GPU render the same picture; without a GPU there is nothing to compare."""
     off: list[float] = []
     host = Setting("cpu", setting.quality, setting.threads)
-    for scene in scenes() if setting.device != "cpu" else []:
-        there, here = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
-        off += [worst_relative(a.cpu() - b, b) for a, b in zip(there, here, strict=True)]
+    for scene in probes.scenes() if setting.device != "cpu" else []:
+        on_device, on_cpu = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
+        off += [
+            probes.worst_relative(a.cpu() - b, b) for a, b in zip(on_device, on_cpu, strict=True)
+        ]
     value = greatest(off) if off else None
     return [Check("CPU and GPU", "difference, of the local maximum", "-", value, 1e-4)]

@@ -1,4 +1,4 @@
-"""Checks of laws: where to render, and the result of a check."""
+"""Checks of laws: the setting to render in, and the worst value with its bound."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from defocus_core.render import render
 
 @dataclass(frozen=True)
 class Setting:
-    """How to render what is measured.
+    """The setting that probes are rendered in.
 
     Attributes:
         device: Where to compute, as torch calls it.
@@ -35,10 +35,10 @@ class Check:
 
     Attributes:
         law: Its name.
-        measured: What was measured.
+        measured: The measurement, in words.
         unit: Unit of the value and the bound.
-        value: The worst value found, None if there was nothing to measure it on.
-        bound: What it may be at most.
+        value: The worst value measured; None if there was nothing to measure it on.
+        bound: The largest value that the law allows.
     """
 
     law: str
@@ -49,7 +49,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the law holds; what was not measured was not broken, NaN was."""
+        """Whether the law holds: a value that was not measured does not break it, NaN does."""
         return self.value is None or self.value <= self.bound
 
 
@@ -62,7 +62,7 @@ def rendered(
     left_right: bool = True,
     threads: int | None = None,
 ) -> Views:
-    """The rendering of a scene, with `setting.threads` unless told otherwise."""
+    """The rendering of a scene, with `setting.threads` unless ``threads`` says otherwise."""
     image, radius = (x.to(setting.device, dtype).contiguous() for x in scene)
     return render(
         image,
@@ -74,11 +74,11 @@ def rendered(
     )
 
 
-def pictures(seen: Views) -> tuple[Tensor, Tensor, Tensor]:
+def pictures(views: Views) -> tuple[Tensor, Tensor, Tensor]:
     """Centre, left and right."""
-    assert seen.left is not None
-    assert seen.right is not None
-    return seen.render, seen.left, seen.right
+    assert views.left is not None
+    assert views.right is not None
+    return views.render, views.left, views.right
 
 
 def greatest(values: list[float]) -> float:

@@ -13,9 +13,9 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 SIZE = (72, 210)  # H, W: not square, more than one tile
-# Px of a wave whose place is read.
+# Wavelength in px.
 PERIOD = 16
-# Px between the samples of a rim's profile.
+# Distance in px between samples of the profile of a rim.
 _STEP = 0.25
 
 
@@ -27,7 +27,7 @@ class Scene(NamedTuple):
 
 
 def spot(r: float, *, light: bool) -> Scene:
-    """One odd pixel in the middle of a frame whose border its blur does not see.
+    """One odd pixel in the middle of a frame that is wider than its blur.
 
     A light is 1 on black, and drawn by its own kernel. Otherwise the pixel is black on white, a
     mark on a surface, which goes through slices.
@@ -69,12 +69,12 @@ def levels(size: tuple[int, int] = SIZE) -> Tensor:
     """Radii of two dozen cards over each other, from -8 to 8 px in steps of 1.6: [H, W]."""
     generator = torch.Generator().manual_seed(2)
 
-    def some(below: int, count: int = 1) -> list[int]:
+    def random(below: int, count: int = 1) -> list[int]:
         return torch.randint(below, (count,), generator=generator).tolist()
 
     radius = torch.full(size, 8.0, dtype=torch.float64)
-    for level in some(11, 24):
-        (top,), (left,), (height, width) = some(size[0]), some(size[1]), some(50, 2)
+    for level in random(11, 24):
+        (top,), (left,), (height, width) = random(size[0]), random(size[1]), random(50, 2)
         radius[top : top + height + 1, left : left + width + 1] = 1.6 * level - 8
     return radius
 
@@ -110,7 +110,7 @@ def scenes() -> list[Scene]:
 
 
 def rounded(values: Tensor) -> Tensor:
-    """Values of which the last bit is another, up or down at random; but equal ones stay equal."""
+    """Values with the last bit changed, up or down at random; equal values stay equal."""
     different, number = torch.unique(values, return_inverse=True)
     ways = torch.randint(2, different.shape, generator=torch.Generator().manual_seed(0)) * 2 - 1
     return torch.nextafter(different, ways * torch.full_like(different, torch.inf))[number]

@@ -14,30 +14,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from defocus_core.evaluation import law_probes as probes
 from defocus_core.evaluation.invariance_laws import devices, rounding, same_bytes, tiles
 from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
-from defocus_core.evaluation.law_probes import (
-    SIZE,
-    Scene,
-    card,
-    centroid,
-    disc_radius,
-    noise,
-    rim_width,
-    scenes,
-    shift,
-    slope,
-    spot,
-    strips,
-    wave,
-    waves,
-    worst,
-    worst_relative,
-)
+from defocus_core.evaluation.law_probes import Scene
 from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
 
-# What the bounds of some checks are where pictures are rendered in cells of two px.
+# Wider bounds of checks at qualities that render in cells of 2 px.
 _IN_CELLS = {
     "second-moment radius off r, |r| 4 to 32 px": 8.0,
     "disc of a light, from 90 % to 10 %": 3.0,
@@ -51,8 +35,8 @@ _IN_CELLS = {
 }
 _RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on rungs and between them
 _NEAR = (0.3, 0.5, 0.8, 1.0)  # px
-_RIM = 1 / 16  # of the radius: what a rim may be wide where resolution is reduced
-_LEAST_RIM = 7.0  # px of radius from which a rim has enough pixels to be measured
+_RIM = 1 / 16  # of the radius: width of a rim at reduced resolution
+_LEAST_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
 
 
 def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
@@ -76,20 +60,20 @@ def discs(setting: Setting) -> list[Check]:
         lengths = []
         for r in (sign * size for size in _RADII for sign in (1, -1)):
             whole, left, right = _responses(r, light, setting)
-            lengths.append((abs(r), disc_radius(whole)))
-            centres.append(math.hypot(*centroid(whole)))
+            lengths.append((abs(r), probes.disc_radius(whole)))
+            centres.append(math.hypot(*probes.centroid(whole)))
             sums.append(abs(float(whole.sum()) - 1))
             # pixels show halves 1/(3 pi r) px nearer to each other: the axis cuts a column in two
             apart = (8 * r - 1 / r) / (3 * math.pi)
-            seen = centroid(right)[0] - centroid(left)[0]
-            halves.append(abs(seen / apart - 1))
+            distance = probes.centroid(right)[0] - probes.centroid(left)[0]
+            halves.append(abs(distance / apart - 1))
             if abs(r) >= _LEAST_RIM:
                 ladder = 0.0 if light else max(step.near_spacing, step.far_spacing * abs(r))
                 least = 1.0 if light else max(1.0, _RIM * abs(r))
-                rims[light].append((rim_width(whole, r) - ladder) / least)
-        fit = sum(r * seen for r, seen in lengths) / sum(r * r for r, _ in lengths)
+                rims[light].append((probes.rim_width(whole, r) - ladder) / least)
+        fit = sum(r * measured for r, measured in lengths) / sum(r * r for r, _ in lengths)
         slopes.append(abs(fit - 1))
-        relative += [abs(seen / r - 1) for r, seen in lengths]
+        relative += [abs(measured / r - 1) for r, measured in lengths]
     return [
         Check("PSF radius", "slope of second-moment radius over r, off 1", "%", _pc(slopes), 1.0),
         Check("PSF radius", "second-moment radius off r, |r| 4 to 32 px", "%", _pc(relative), 1.0),
@@ -108,12 +92,12 @@ def discs(setting: Setting) -> list[Check]:
 
 
 def near_focus(setting: Setting) -> list[Check]:
-    """Halves are as far apart as the formula says within a pixel, too."""
+    """The distance of the half discs follows the formula below 1 px of radius, too."""
     off = []
     for r in (sign * size for size in _NEAR for sign in (1, -1)):
-        radius = torch.full(SIZE, r, dtype=torch.float64)
-        _, left, right = pictures(rendered(Scene(wave(), radius), setting, torch.float64))
-        off.append(abs(shift(right) - shift(left) - 8 * r / (3 * math.pi)))
+        radius = torch.full(probes.SIZE, r, dtype=torch.float64)
+        _, left, right = pictures(rendered(Scene(probes.wave(), radius), setting, torch.float64))
+        off.append(abs(probes.shift(right) - probes.shift(left) - 8 * r / (3 * math.pi)))
     measured = "near focus, off 8 r/(3 pi), |r| to 1 px"
     return [Check("half discs", measured, "px", greatest(off), 0.01)]
 
@@ -123,10 +107,10 @@ def white(setting: Setting) -> list[Check]:
     checks = []
     for name, aperture in (("round", Aperture()), ("6 blades", Aperture(6, 10.0))):
         off = []
-        for radius in (slope(), strips(), noise()):
-            scene = Scene(torch.ones(3, *SIZE), radius)
-            seen = rendered(scene, setting, torch.float32, aperture=aperture)
-            off += [worst(picture - 1) for picture in pictures(seen)]
+        for radius in (probes.slope(), probes.strips(), probes.noise()):
+            scene = Scene(torch.ones(3, *probes.SIZE), radius)
+            views = rendered(scene, setting, torch.float32, aperture=aperture)
+            off += [probes.worst(picture - 1) for picture in pictures(views)]
         measured = f"white over slope, steps, noise; {name}"
         checks.append(Check("white stays white", measured, "-", greatest(off), 1e-5))
     return checks
@@ -135,18 +119,18 @@ def white(setting: Setting) -> list[Check]:
 def left_and_right(setting: Setting) -> list[Check]:
     """Left and right together are twice the centre, occlusions included."""
     off = []
-    for scene in scenes():
+    for scene in probes.scenes():
         centre, left, right = pictures(rendered(scene, setting, torch.float32))
-        off.append(worst_relative(left + right - 2 * centre, centre))
+        off.append(probes.worst_relative(left + right - 2 * centre, centre))
     measured = "left + right - 2 centre, of the local maximum"
     return [Check("left + right", measured, "-", greatest(off), 1e-4)]
 
 
 def focus(setting: Setting) -> list[Check]:
-    """What is in focus stays as it is."""
-    scene = Scene(waves(), torch.zeros(SIZE))
-    seen = rendered(scene, setting, torch.float32)
-    off = [worst(picture - scene.image.to(picture)) for picture in pictures(seen)]
+    """A picture that is all in focus stays as it is."""
+    scene = Scene(probes.waves(), torch.zeros(probes.SIZE))
+    views = rendered(scene, setting, torch.float32)
+    off = [probes.worst(picture - scene.image.to(picture)) for picture in pictures(views)]
     return [Check("focus", "picture in focus, change", "-", greatest(off), 1e-6)]
 
 
@@ -154,14 +138,13 @@ def occlusion(setting: Setting) -> list[Check]:
     """Nearer covers farther, never the reverse."""
     covered, spilt = [], []
     for background_r in (3.0, 9.0):
-        scene = card(0.0, background_r)
+        scene = probes.card(0.0, background_r)
         on_card = (scene.signed_radius == 0).to(setting.device)
-        seen = rendered(scene, setting, torch.float32)
-        for picture in pictures(seen):
-            covered.append(worst((picture - scene.image.to(picture))[:, on_card]))
-        plain = card(0.0, background_r, plain=True)
+        for picture in pictures(rendered(scene, setting, torch.float32)):
+            covered.append(probes.worst((picture - scene.image.to(picture))[:, on_card]))
+        plain = probes.card(0.0, background_r, plain=True)
         for picture in pictures(rendered(plain, setting, torch.float32)):
-            spilt.append(worst((picture - plain.image.to(picture))[:, ~on_card]))
+            spilt.append(probes.worst((picture - plain.image.to(picture))[:, ~on_card]))
     law = "nearer covers"
     return [
         Check(law, "card in focus before blur, change", "-", greatest(covered), 1e-5),
@@ -172,7 +155,7 @@ def occlusion(setting: Setting) -> list[Check]:
 def symmetry(setting: Setting) -> list[Check]:
     """Flips and quarter turns change nothing; a mirror swaps left and right."""
     flips, turns = [], []
-    for image, radius in scenes():
+    for image, radius in probes.scenes():
         centre, left, right = pictures(rendered(Scene(image, radius), setting, torch.float64))
         mirrored = Scene(image.flip(-1), radius.flip(-1))
         upset = Scene(image.flip(-2), radius.flip(-2))
@@ -181,10 +164,12 @@ def symmetry(setting: Setting) -> list[Check]:
             (mirrored, -1, (centre, right, left)),
             (upset, -2, (centre, left, right)),
         ):
-            seen = pictures(rendered(scene, setting, torch.float64))
-            flips += [worst(a.flip(axis) - b) for a, b in zip(seen, expected, strict=True)]
-        seen_turned = rendered(turned, setting, torch.float64, left_right=False).render
-        turns.append(worst(seen_turned.rot90(-1, (-2, -1)) - centre))
+            flipped = pictures(rendered(scene, setting, torch.float64))
+            flips += [
+                probes.worst(a.flip(axis) - b) for a, b in zip(flipped, expected, strict=True)
+            ]
+        turned_centre = rendered(turned, setting, torch.float64, left_right=False).render
+        turns.append(probes.worst(turned_centre.rot90(-1, (-2, -1)) - centre))
     return [
         Check("symmetry", "flips, a mirror swaps left and right", "-", greatest(flips), 1e-10),
         Check("symmetry", "quarter turn of the centre", "-", greatest(turns), 1e-10),
@@ -194,26 +179,26 @@ def symmetry(setting: Setting) -> list[Check]:
 def gradient(setting: Setting) -> list[Check]:
     """The gradient to image and radius is that of finite differences, along one direction."""
     size, generator = (9, 11), torch.Generator().manual_seed(0)
-    radius = slope(size) / 4 + 0.013  # off the rungs of the ladder, where slopes change
+    radius = probes.slope(size) / 4 + 0.013  # off the rungs of the ladder, where slopes change
     radius[3:6, 4:8] -= 3.1  # a nearer card
 
     def random(*shape: int) -> Tensor:
         return torch.randn(*shape, generator=generator, dtype=torch.float64).to(setting.device)
 
     weight, directions = random(3, *size), (random(3, *size), random(*size))
-    at = [x.to(setting.device).requires_grad_() for x in (waves(size), radius)]
+    at = [x.to(setting.device).requires_grad_() for x in (probes.waves(size), radius)]
 
-    def seen(step: float) -> Tensor:
+    def weighted_sum(step: float) -> Tensor:
         moved = [x + step * d for x, d in zip(at, directions, strict=True)]
         scene = Scene(moved[0], moved[1])
         rendering = rendered(scene, setting, torch.float64, left_right=False)
         return (rendering.render * weight).sum()
 
-    slopes = torch.autograd.grad(seen(0.0), at, materialize_grads=True)
+    slopes = torch.autograd.grad(weighted_sum(0.0), at, materialize_grads=True)
     exact = sum(float((s * d).sum()) for s, d in zip(slopes, directions, strict=True))
     step = 1e-6
     with torch.no_grad():
-        finite = float(seen(step) - seen(-step)) / (2 * step)
+        finite = float(weighted_sum(step) - weighted_sum(-step)) / (2 * step)
     off = abs(exact - finite) / max(abs(finite), 1e-12)
     return [Check("gradient", "slope off a finite difference", "-", off, 1e-5)]
 
@@ -235,9 +220,9 @@ LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
 
 
 def _responses(r: float, light: bool, setting: Setting) -> tuple[Tensor, ...]:
-    """What becomes of a point of sum 1 in centre, left and right: [n, n] each."""
-    seen = pictures(rendered(spot(r, light=light), setting, torch.float64))
-    return tuple(picture[0] if light else 1 - picture[0] for picture in seen)
+    """Responses [n, n] to a point of sum 1, in centre, left and right."""
+    views = rendered(probes.spot(r, light=light), setting, torch.float64)
+    return tuple(picture[0] if light else 1 - picture[0] for picture in pictures(views))
 
 
 def _pc(shares: list[float]) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-# PSNR in dB that stands for equality: mean squared errors below 1e-10.
+# PSNR in dB of equal pictures, whose mean squared error is below 1e-10.
 EQUAL = 99.0
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px.
 _REACH, _SIGMA = 5, 1.5
@@ -124,7 +124,7 @@ def _blurred(x: Tensor) -> Tensor:
 
 
 def percentile(values: Tensor, percent: float) -> float:
-    """The percentile of some values, linear between the two nearest."""
+    """The percentile of values, linear between the two nearest."""
     place = percent / 100 * (values.numel() - 1)
     lower = math.floor(place)
     top = values.flatten().topk(values.numel() - lower).values
@@ -133,7 +133,7 @@ def percentile(values: Tensor, percent: float) -> float:
 
 
 def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
-    """Which pixels [H, W] lie within a distance in px of a depth edge.
+    """Mask [H, W] of the pixels within a distance in px of a depth edge.
 
     Both pixels beside an edge belong to it: neighbours in a row or a column whose signed radii
     differ by more than 1 px.

@@ -1,8 +1,8 @@
-"""Synthetic scenes to time: each kind asks for another sort of work.
+"""Synthetic scenes to time, of several kinds, each of which needs other steps of rendering.
 
-They are pictures with the signed CoC radius in px of each pixel, float32 on the CPU, and the same
-whenever they are made. What a kind shows does not change with its size: it is drawn in shares of
-the frame, so that times at two sizes can be compared; only lights grow in number, not in size.
+A scene is a picture with the signed CoC radius in px of each pixel, float32 on the CPU, always the
+same. Shapes are shares of the frame, so that times at two sizes can be compared; only lights grow
+in number, not in size.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-# Px per light, and how much brighter than white it is.
+# Frame pixels per light, and the brightness of a light; white is 1.
 _PIXELS_PER_LIGHT = 4000
 _LIGHT = 200.0
-# What lies as sharp as this anywhere counts as in focus.
+# Largest CoC radius in px that counts as in focus.
 _IN_FOCUS = 0.15
 # Width of a wire as a share of the frame's, and the least in px.
 _WIRE, _LEAST_WIRE = 1 / 160, 3
@@ -35,8 +35,8 @@ def scenery(kind: str, height: int, width: int, radius: float) -> Scenery:
 
     Args:
         kind: One of `KINDS`.
-        height: Of the frame in px.
-        width: Of the frame in px.
+        height: Height of the frame in px.
+        width: Width of the frame in px.
         radius: The greatest |r| in px; a frame all in focus has none.
 
     Raises:
@@ -72,12 +72,12 @@ def _floor(x: Tensor, y: Tensor, r: float) -> Tensor:
 
 def _cards(x: Tensor, y: Tensor, r: float) -> Tensor:
     """Cards that overlap each other before a background, on both sides of the focus."""
-    found = torch.full_like(x * y, r)
+    radius = torch.full_like(x * y, r)
     for k in range(10):  # from the farthest to the nearest
         across, down = (0.13 + 0.618 * k) % 0.85, (0.07 + 0.371 * k) % 0.75
         on_card = (x > across) & (x < across + 0.22) & (y > down) & (y < down + 0.35)
-        found = torch.where(on_card, r * (0.8 - 0.2 * k), found)
-    return found
+        radius = torch.where(on_card, r * (0.8 - 0.2 * k), radius)
+    return radius
 
 
 def _thin(x: Tensor, y: Tensor, r: float) -> Tensor:
@@ -104,7 +104,7 @@ def _wires(x: Tensor, y: Tensor) -> Tensor:
     return ((x * 8) % 1 < 8 * thick) | ((y * 4) % 1 < 4 * tall)
 
 
-# What the names mean, for tables and help.
+# The kinds by name.
 KINDS: dict[str, Callable[[Tensor, Tensor, float], Tensor]] = {
     "focus": _focus,
     "plane": _plane,

@@ -34,10 +34,10 @@ class Derived(ABC):
 
     @abstractmethod
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each from the first to before the end."""
+        """The window [rows, columns], each a pair of first and end."""
 
     def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
-        """What slices of rows, or of rows and columns, cut; with steps, band by band."""
+        """The window of slices of rows, or of rows and columns; with steps, read band by band."""
         whole = window if isinstance(window, tuple) else (window,)
         cuts = [cut for cut in whole if isinstance(cut, slice)]
         cuts += [slice(None)] * (2 - len(cuts))
@@ -46,29 +46,29 @@ class Derived(ABC):
         if step == stride == 1:
             return self.made((top, below), (left, beside))
         rows = bands(*size)[0][1] // step * step or step
-        some = (
+        read = (
             self.made((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
         )
-        return torch.cat([pixels[..., ::step, ::stride] for pixels in some], -2)
+        return torch.cat([pixels[..., ::step, ::stride] for pixels in read], -2)
 
     def at_once(self, threads: int) -> Tensor:
-        """All of it, computed in bands."""
+        """The whole picture, computed in bands."""
         rows = bands(*self.shape[-2:])
         return torch.cat(
-            list(threaded(lambda some: self[..., some[0] : some[1], :], rows, threads)), -2
+            list(threaded(lambda band: self[..., band[0] : band[1], :], rows, threads)), -2
         )
 
 
 def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
-    """A picture made now and held, or made whenever it is asked for.
+    """The picture as a tensor in memory, or the picture itself, computed at each read.
 
-    It is held if it may be, if what it is made of is in memory itself, and if it is not large.
+    A picture is held in memory if there is room, if its sources are in memory, or if it is small.
 
     Args:
-        picture: What is to be made.
-        of: What it is made of.
-        threads: Bands that are made at once.
-        hold: Whether there is room for it.
+        picture: A derived picture.
+        of: The sources of the picture.
+        threads: Number of bands computed at once.
+        hold: Whether there is room for the picture.
     """
     in_memory = all(isinstance(each, Tensor) for each in of)
     if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= _HELD:
@@ -86,12 +86,12 @@ class Repaired(Derived):
         around: int,
         *others: Pixels,
     ) -> None:
-        """Nothing is looked at yet.
+        """Keep the sources; nothing is read yet.
 
         Args:
             signed_radius: [H, W] px.
-            repair: Makes a window of what is given of it.
-            around: Px around a pixel that decide its repair.
+            repair: The repaired radii of a window, from windows of all sources.
+            around: Distance in px within which pixels decide a repair.
             others: Further pictures [..., H, W] of the frame that the repair needs.
         """
         self._given, self._repair, self._around = (signed_radius, *others), repair, around
@@ -100,7 +100,7 @@ class Repaired(Derived):
         self.device = signed_radius.device
 
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each from the first to before the end."""
+        """The window [rows, columns], each a pair of first and end."""
         (top, below), (left, beside) = rows, columns
         box = Box(top, left, below - top, beside - left)
         around = box.grown(self._around, Box(0, 0, *self.shape[-2:]))

@@ -9,20 +9,20 @@ from torch import Tensor
 
 
 class Choice(Protocol):
-    """Of two tensors the greater, or the less, element by element: torch.maximum, torch.minimum."""
+    """torch.maximum or torch.minimum: the greater or the less of two tensors."""
 
     def __call__(self, a: Tensor, b: Tensor, /, *, out: Tensor) -> Tensor:
-        """Choose, and write to `out`."""
+        """Write the choice to `out`."""
 
 
 def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
-    """The extreme [..., H, W] of the square of so many px around each pixel; has no gradient.
+    """The greatest or least value [..., H, W] in the square around each pixel; has no gradient.
 
     Squares end at the borders. Each round joins squares side by side: 8 px take three.
 
     Args:
         values: [..., H, W], numbers or bool.
-        by: Px to each side.
+        by: Distance in px from a pixel to the sides of its square.
         choice: torch.maximum or torch.minimum.
     """
     values = values.detach()
@@ -35,20 +35,25 @@ def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
 
 
 def steps_beside(values: Tensor, dim: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Along an axis each step between two pixels, the one before it and the one after it, |...|.
+    """Sizes of steps along an axis: before each step, of the step itself, and after it.
 
-    Of n pixels there are n - 3, and none if there are fewer.
+    n pixels have n - 3 steps that lie between two others.
     """
     step = values.detach().diff(dim=dim).abs()
     n = max(step.shape[dim] - 2, 0)
-    before, here, after = (step.narrow(dim, i if n else 0, n) for i in range(3))
-    return before, here, after
+    before, middle, after = (step.narrow(dim, i if n else 0, n) for i in range(3))
+    return before, middle, after
 
 
 def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
-    """The numbers [n, side, side] of the pixels so many px around some at [n, 2].
+    """The numbers [n, side, side] of the pixels in the squares around pixels at [n, 2].
 
-    Of a frame of (height, width); at its borders pixels stand for what is beyond.
+    Beyond the borders of the frame the pixels at the border are repeated.
+
+    Args:
+        at: [n, 2] rows and columns.
+        size: (height, width) of the frame.
+        by: Distance in px from a pixel to the sides of its square.
     """
     offset = torch.arange(-by, by + 1, device=at.device)
     y = (at[:, :1] + offset).clamp(0, size[0] - 1)[:, :, None]
@@ -57,8 +62,8 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
 
 
 def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
-    """The extreme of each value, those some px before and after it, or else the outermost ones."""
-    found, n = values.clone(), values.shape[dim]
+    """The extreme of each value and the values `step` px before and after it, cut at the ends."""
+    extreme, n = values.clone(), values.shape[dim]
     first, last, rest = (0, step), (n - step, step), n - step
     for target, source in (
         ((step, rest), (0, rest)),
@@ -66,24 +71,24 @@ def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
         (first, (0, 1)),
         (last, (n - 1, 1)),
     ):
-        some = found.narrow(dim, *target)
-        choice(some, values.narrow(dim, *source), out=some)
-    return found
+        part = extreme.narrow(dim, *target)
+        choice(part, values.narrow(dim, *source), out=part)
+    return extreme
 
 
 def ends_of(values: Tensor) -> Tensor:
-    """The least and the greatest [2] of values [...]; NaN if any is one.
+    """The least and the greatest [2] of values [...]; NaN if any value is NaN.
 
-    In two passes: on a CPU the one that finds both takes longer, and four times as long where rows
-    do not lie together.
+    Two passes: on a CPU torch.aminmax takes longer, and four times as long where rows are not
+    contiguous.
     """
     return torch.stack([values.amin(), values.amax()])
 
 
-# Where between two radii the border is that tells them apart.
+# Where the border between a near and a far radius lies; below 1/2, so that a middle one is far.
 _HALFWAY = 0.499
 
 
 def halfway(near: Tensor, far: Tensor) -> Tensor:
-    """The border between each near and far radius: what is as far from both belongs to the far."""
+    """The border between each near and far radius; the radius in the middle is on the far side."""
     return near + (far - near) * _HALFWAY

@@ -1,8 +1,8 @@
-"""Order statistics of many values that are read in parts, exact to the last bit.
+"""Order statistics of values that are read in parts, exact to the last bit.
 
-The bits of numbers that are not negative order like the numbers. So the first 16 of all of them
-are counted, then the next 16 of those that have the right first ones: each time the numbers are
-gone through once, and none is kept (radix selection). Negative numbers count as 0.
+The bits of numbers that are not negative order like the numbers. So the first 16 bits of all are
+counted, then the next 16 bits of the numbers with the right first bits: each pass reads all numbers
+once and keeps none (radix selection). Negative numbers count as 0.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ _BITS = 16
 
 
 def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
-    """How many numbers have which next 16 bits, of those whose first ones are known.
+    """The count of numbers for each value of their next 16 bits, given their first bits.
 
     Args:
         values: Any shape.
         prefix: The first bits.
-        level: How many times 16 they are.
+        level: Number of first bits, divided by 16.
 
     Returns:
-        [2^16], or [2^15] of the first bits, one of which is that of the sign.
+        [2^16], or [2^15] at level 0, where one bit is the sign.
     """
     whole = values.dtype.itemsize * 8
     positive = values.clamp(min=0).abs_()  # not even -0
@@ -41,12 +41,12 @@ def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
 
 @dataclass(frozen=True)
 class Ranks:
-    """Numbers, of which any rank can be had.
+    """Numbers by rank.
 
     Attributes:
-        counts: Of their first 16 bits, as `counted` has them: [2^15].
-        again: Goes through all of them once more.
-        dtype: Of the numbers, of 32 or 64 bits.
+        counts: [2^15] counts of their first 16 bits, from `counted`.
+        again: Reads all numbers once more, part by part.
+        dtype: Type of the numbers, of 32 or 64 bits.
     """
 
     counts: Tensor
@@ -55,22 +55,22 @@ class Ranks:
 
     @property
     def total(self) -> int:
-        """How many there are."""
+        """The number of numbers."""
         return int(self.counts.sum())
 
     def about(self, rank: int) -> tuple[float, float]:
-        """Two numbers between which the one of a rank lies, counted from 1 upwards."""
-        digit, _ = _found(self.counts, rank)
+        """Two numbers between which the number of a rank lies; ranks count from 1 upwards."""
+        digit, _ = _located(self.counts, rank)
         shift = self.dtype.itemsize * 8 - _BITS
         return self._number(digit << shift), self._number(((digit + 1) << shift) - 1)
 
     def exactly(self, rank: int) -> float:
-        """The number of a rank, counted from 1 upwards."""
-        prefix, rest = _found(self.counts, rank)
+        """The number of a rank; ranks count from 1 upwards."""
+        prefix, rest = _located(self.counts, rank)
         for level in range(1, self.dtype.itemsize * 8 // _BITS):
             counts = sum(counted(values, prefix, level) for values in self.again())
             assert isinstance(counts, Tensor)
-            digit, rest = _found(counts, rest)
+            digit, rest = _located(counts, rest)
             prefix = prefix << _BITS | digit
         return self._number(prefix)
 
@@ -82,17 +82,17 @@ class Ranks:
 def depth_percentile(
     parts: Callable[[], Iterable[Tensor]], percent: float, dtype: torch.dtype
 ) -> float | None:
-    """The distance of a pixel that so many percent of the pixels do not exceed.
+    """The distance that a share of the pixels does not exceed, without sky and holes.
 
-    Pixels of the sky and holes aside; between two surfaces there is nothing to focus on.
+    It is the distance of a pixel: between two surfaces there is nothing to focus on.
 
     Args:
-        parts: Goes through all of the depth, part by part.
+        parts: Reads the depth once, part by part.
         percent: From 0 to 100.
-        dtype: Of the depth, of 32 or 64 bits.
+        dtype: Type of the depth, of 32 or 64 bits.
 
     Returns:
-        The distance, None if all is sky.
+        The distance, None if no pixel has one.
     """
 
     def solid() -> Iterable[Tensor]:
@@ -105,8 +105,8 @@ def depth_percentile(
     return ranks.exactly(min(max(math.ceil(ranks.total * (percent / 100)), 1), ranks.total))
 
 
-def _found(counts: Tensor, rank: int) -> tuple[int, int]:
-    """In which bin a rank lies, and which rank it has there."""
+def _located(counts: Tensor, rank: int) -> tuple[int, int]:
+    """The bin that holds a rank, and the rank within the bin."""
     summed = counts.cumsum(0)
     digit = int(torch.searchsorted(summed, rank))
     return digit, rank - int(summed[digit] - counts[digit])

@@ -17,11 +17,11 @@ _Number = TypeVar("_Number", float, Tensor)
 
 
 class Axis(NamedTuple):
-    """Where the middle of the frame lies.
+    """The middle of the frame along an axis.
 
     Attributes:
-        middle: The first index at or after it.
-        odd: Whether it is a pixel, and not between two.
+        middle: The first index at or after the middle.
+        odd: Whether the middle is a pixel; else it lies between two.
     """
 
     middle: int
@@ -31,13 +31,13 @@ class Axis(NamedTuple):
 def places(
     at: Tensor, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int
 ) -> list[Tensor]:
-    """Rows and columns [n] of pixels in those of a resolution halved some times.
+    """Rows and columns [n] of pixels among the cells of a reduced resolution.
 
     Args:
-        at: [n, 2] at full resolution, in between pixels too.
-        fine: Where the middle of the frame is there.
-        coarse: Where it is at reduced resolution.
-        halvings: How many times resolution is halved.
+        at: [n, 2] rows and columns at full resolution, also between pixels.
+        fine: The middle of the frame at full resolution.
+        coarse: The middle of the frame among cells.
+        halvings: Number of times resolution is halved.
     """
     return [
         place_of(at[:, d], here, there, halvings)
@@ -46,13 +46,13 @@ def places(
 
 
 def place_of(pixel: _Number, fine: Axis, coarse: Axis, halvings: int) -> _Number:
-    """Where a pixel lies among cells, along one axis.
+    """The place of a pixel among cells, along one axis.
 
     Args:
-        pixel: Its row or column, or [n] of them.
-        fine: Where the middle of the frame is among pixels.
-        coarse: Where it is among cells.
-        halvings: How many times resolution is halved.
+        pixel: Row or column of the pixel, or [n] of them.
+        fine: The middle of the frame among pixels.
+        coarse: The middle of the frame among cells.
+        halvings: Number of times resolution is halved.
     """
     offset = 0.0 if fine.odd else 0.5
     return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << halvings)
@@ -83,7 +83,7 @@ class Halves(NamedTuple):
 
 
 def halves(length: int, axis: Axis) -> Halves:
-    """What an axis of some pixels lacks to be halved."""
+    """How an axis of `length` pixels is halved."""
     before = axis.middle % 2
     after = (length + before + axis.odd) % 2
     middle = Axis((axis.middle + before) // 2, axis.odd)
@@ -91,13 +91,13 @@ def halves(length: int, axis: Axis) -> Halves:
 
 
 def extended(values: Tensor, down: Halves, across: Halves, value: float) -> Tensor:
-    """Values [..., H, W] with the missing pixels, which get a value."""
+    """Values [..., H, W] with the missing pixels filled by a value."""
     missing = (across.before, across.after, down.before, down.after)
     return pad(values, missing, value=value) if any(missing) else values
 
 
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """For each pixel the greatest [H, W] of those of half resolution [h, w] that it is part of."""
+    """For each pixel [H, W] the greatest value of the cells [h, w] that the pixel is part of."""
     for dim in (0, 1):
         twice = values.repeat_interleave(2, dim)
         if odd[dim]:
@@ -109,7 +109,7 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 
 def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """Sums [..., h, w] of the pixels [..., H, W] that make one of half resolution."""
+    """Sums [..., h, w] of the pixels [..., H, W] of each cell of half resolution."""
     for dim in (-2, -1):  # rows first: they lie together
         values = _halved(values, dim, odd[dim])
     return values
@@ -149,11 +149,11 @@ def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 def averaged(
     values: Tensor, halvings: int, middle: tuple[Axis, Axis]
 ) -> tuple[Tensor, tuple[Axis, Axis]]:
-    """Means [N, K, h, w] of pictures [N, K, H, W] halved some times, and where the middle is.
+    """Means [N, K, h, w] of pictures [N, K, H, W] in cells, and the middle among cells.
 
-    What lies outside counts as 0.
+    Pixels beyond the frame count as 0.
     """
-    found = []
+    middles = []
     for dim, axis in zip((-2, -1), middle, strict=True):  # rows first: they lie together
         for _ in range(halvings):
             half = halves(values.shape[dim], axis)
@@ -161,5 +161,5 @@ def averaged(
                 missing = (half.before, half.after)
                 values = pad(values, missing if dim == -1 else (0, 0, *missing))
             values, axis = _halved(values, dim, axis.odd), half.axis
-        found.append(axis)
-    return values * 0.25**halvings, (found[0], found[1])
+        middles.append(axis)
+    return values * 0.25**halvings, (middles[0], middles[1])

@@ -17,31 +17,27 @@ _STRIDE = 8
 
 
 class Shares(NamedTuple):
-    """The shares of cells in pixels along an axis, in blocks of pixels that all have the same.
+    """The shares of cells in pixels along an axis; all blocks of pixels have the same shares.
 
     Attributes:
-        block: [P, K], of K cells in the P pixels of a block.
-        lead: The first cell of the first block; cells that are not there are 0.
-        pixels: How many there are.
+        block: [P, K] shares of K cells in the P pixels of a block.
+        lead: The first cell of the first block; missing cells count as 0.
+        pixels: Number of pixels.
     """
 
     block: Tensor
     lead: int
     pixels: int
 
-    def scaled(self, times: float) -> Shares:
-        """Those of cells so many times as bright."""
-        return self._replace(block=self.block * times)
-
 
 def cubic_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
     """The cubic of Keys 1981 with a = -1/2.
 
     Args:
-        first: Where the first pixel lies, counted in cells from the first of these.
-        pixels: How many there are.
+        first: The place of the first pixel, in cells from the first cell.
+        pixels: Number of pixels.
         step: Cells from one pixel to the next, a power of a half.
-        like: Of the dtype and device of the result.
+        like: A tensor with the dtype and device of the result.
     """
     away, lead = _away(first, pixels, step, 2, like)
     near = (1.5 * away - 2.5) * away * away + 1
@@ -50,15 +46,15 @@ def cubic_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares
 
 
 def linear_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
-    """The same by tents: nothing overshoots beside an edge."""
+    """Linear interpolation, without overshoot beside an edge; arguments of `cubic_shares`."""
     away, lead = _away(first, pixels, step, 1, like)
     return Shares((1 - away).clamp(min=0), lead, pixels)
 
 
 def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:
-    """How many cells each pixel of a block is away from each within reach, and the first of these.
+    """Distances in cells from each pixel of a block to the cells in reach, and the first such cell.
 
-    In blocks whose first pixels are whole numbers of cells apart that is the same.
+    Distances are the same in all blocks, whose first pixels are whole numbers of cells apart.
     """
     block = min(pixels, round(_STRIDE / step))
     lead = math.floor(first) - reach + 1
@@ -71,16 +67,16 @@ def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> t
 def resampled(values: Tensor, rows: Shares, columns: Shares) -> Tensor:
     """Cells [..., h, w] read in pixels [..., H, W].
 
-    Not in fewer bits than they have, whatever torch may round products to: TensorFloat32 or
-    bfloat16 (`torch.set_float32_matmul_precision`), too coarse for a picture.
+    In full precision, even where `torch.set_float32_matmul_precision` allows TensorFloat32 or
+    bfloat16 for products, which are too coarse for a picture.
     """
     if values.dtype == torch.float32 and _products_are_rounded():
         double = (shares._replace(block=shares.block.double()) for shares in (rows, columns))
         return resampled(values.double(), *double).float()
     across = _blocks(values, columns, -1)  # [..., h, n, K]
-    found = across.reshape(-1, across.shape[-1]) @ columns.block.mT
-    found = found.view(*across.shape[:-2], -1)[..., : columns.pixels]
-    down = _blocks(found, rows, -2).mT  # [..., n, K, W]
+    wide = across.reshape(-1, across.shape[-1]) @ columns.block.mT
+    wide = wide.view(*across.shape[:-2], -1)[..., : columns.pixels]
+    down = _blocks(wide, rows, -2).mT  # [..., n, K, W]
     return (rows.block @ down).flatten(-3, -2)[..., : rows.pixels, :]
 
 

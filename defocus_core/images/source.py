@@ -9,24 +9,24 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-# Pixels and rows looked at at once, at most.
+# Greatest number of pixels and of rows in a band.
 _PIXELS, _ROWS = 1 << 19, 256
 
 
 class Source(Protocol):
-    """What is cut like a tensor [..., H, W]; each cut reads that window anew."""
+    """A picture [..., H, W] that is sliced like a tensor; each slice reads its window anew."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the whole."""
+        """Shape of the whole picture."""
 
     @property
     def dtype(self) -> torch.dtype:
-        """Of the numbers."""
+        """Type of the numbers."""
 
     @property
     def device(self) -> torch.device:
-        """Where windows come to lie."""
+        """Device of the windows."""
 
     def __getitem__(self, window: Any) -> Tensor:
         """A window: slices of rows and columns, after ``...`` or alone."""
@@ -36,19 +36,19 @@ Pixels = Tensor | Source
 
 
 def bands(height: int, width: int) -> list[tuple[int, int]]:
-    """First and last row + 1 of the bands of a frame."""
+    """First row and end of each band of a frame."""
     rows = max(1, min(_ROWS, _PIXELS // width))
     return list(pairwise([*range(0, height, rows), height]))
 
 
 def spread(length: int, every: int, first: int = 0, end: int | None = None) -> list[int]:
-    """Some numbers from 0 to `length`, as many of each end: every so many, and the mirrored ones.
+    """Every `every`-th number from 0 to before `length`, and the same mirrored, ascending.
 
-    Of these the ones between two numbers, counted from the first.
+    Only the numbers from `first` to before `end`, counted from `first`.
     """
     end = length if end is None else end
-    found = {start % every for start in (-first, length - 1 - first)}
-    return sorted(i for start in found for i in range(start, end - first, every))
+    starts = {start % every for start in (-first, length - 1 - first)}
+    return sorted(i for start in starts for i in range(start, end - first, every))
 
 
 def banded(picture: Pixels) -> Iterator[Tensor]:

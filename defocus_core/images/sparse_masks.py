@@ -1,6 +1,6 @@
-"""Sparse masks: the few pixels at edges, found faster than torch finds them on a CPU.
+"""Sparse masks: the few pixels at edges, found faster than by torch.nonzero on a CPU.
 
-It compares and looks for what is not 0 number by number; it converts, and adds, many at once.
+torch compares, and looks for values that are not 0, one by one; it converts and adds many at once.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ def exceeding(values: Tensor, bound: float) -> Tensor:
 
 
 def numbers_of(mask: Tensor) -> Tensor:
-    """The numbers [n], ascending, of the pixels where a mask [...] bool holds; best if few do."""
+    """The numbers [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
     flat = mask.flatten()
     end = flat.numel() // _WORD * _WORD
     if not end or flat.storage_offset() % _WORD:
         return torch.nonzero(flat)[:, 0]
     words = torch.nonzero(flat[:end].view(torch.int64))[:, 0]
     word, pixel = torch.nonzero(flat[:end].view(-1, _WORD).index_select(0, words)).unbind(1)
-    found = words.index_select(0, word).mul_(_WORD).add_(pixel)
+    numbers = words.index_select(0, word).mul_(_WORD).add_(pixel)
     if end == flat.numel():
-        return found
-    return torch.cat([found, torch.nonzero(flat[end:])[:, 0] + end])
+        return numbers
+    return torch.cat([numbers, torch.nonzero(flat[end:])[:, 0] + end])
 
 
 def places_of(mask: Tensor) -> Tensor:
-    """The rows and columns [n, 2] of the pixels where a mask [H, W] holds."""
+    """The rows and columns [n, 2] of the pixels in a mask [H, W] bool."""
     number = numbers_of(mask)
     row = number.div(mask.shape[1], rounding_mode="floor")
     return torch.stack([row, number - row * mask.shape[1]], 1)

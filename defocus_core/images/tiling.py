@@ -71,7 +71,7 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
 
     Args:
         grid: Of the frame.
-        margin: Px around a region from which its tiles take light.
+        margin: Distance in px around a region from which its tiles take light.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
     least = max(_REGION, round(margin / _MARGIN))
@@ -90,12 +90,12 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
 
 
 def largest(rows: list[list[Grid]]) -> tuple[int, int]:
-    """The greatest height and the greatest width of regions."""
+    """The greatest height and the greatest width in px of regions."""
     boxes = [grid.box for row in rows for grid in row]
     return max(box.height for box in boxes), max(box.width for box in boxes)
 
 
 def _shared_out(count: int, parts: int) -> list[tuple[int, int]]:
-    """Some ranges of nearly equal length that together are range(count)."""
+    """Consecutive ranges [first, end) of nearly equal length that make range(count)."""
     cuts = [round(count * i / parts) for i in range(parts + 1)]
     return [(a, b) for a, b in pairwise(cuts) if a < b]

@@ -1,6 +1,6 @@
-"""Views of a picture through the lens: the whole, its halves, and how far to trust them.
+"""Views of a picture through the lens: through the whole and its halves, with their trust.
 
-A tile, a region, a picture and a batch of pictures are carried by the same class.
+One class holds the views of a tile, a region, a picture or a batch of pictures.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from defocus_core.images.box import Box, Span
 
 
 class Views(NamedTuple):
-    """What the lens sees of a picture, of a part of it, or of a batch of pictures.
+    """The views of a picture, of a part of a picture, or of a batch of pictures.
 
     Attributes:
         images: The centre, or the centre, left and right, [..., C, h, w] each.
         trust: [..., 1, h, w], the share of the aperture that saw pixels of the scene, visible or
             known to be hidden: 1 where nothing was invented and nothing lies beyond the frame.
-        stats: Counts of what was computed and what was skipped.
-        box: Where in the frame it is.
+        stats: Counts of work done and work skipped.
+        box: The place of the views in the frame.
     """
 
     images: Sequence[Tensor]
@@ -37,28 +37,28 @@ class Views(NamedTuple):
 
     @property
     def left(self) -> Tensor | None:
-        """The image through the lens half u.x < 0, None if not asked for."""
+        """The image through the lens half u.x < 0; None without a pair."""
         return self.images[1] if len(self.images) > 1 else None
 
     @property
     def right(self) -> Tensor | None:
-        """The image through the lens half u.x >= 0, None if not asked for."""
+        """The image through the lens half u.x >= 0; None without a pair."""
         return self.images[2] if len(self.images) > 1 else None
 
     def to(self, dtype: torch.dtype) -> Views:
-        """The same in another precision."""
+        """The views in another precision."""
         return self._replace(
             images=[image.to(dtype) for image in self.images], trust=self.trust.to(dtype)
         )
 
     def within(self, box: Box) -> Views:
         """The part of the views that lies in a box of the frame, without counts."""
-        here = box.seen_from(self.box)
-        return Views([here.of(image) for image in self.images], here.of(self.trust), {}, box)
+        window = box.seen_from(self.box)
+        return Views([window.of(image) for image in self.images], window.of(self.trust), {}, box)
 
 
 def joined(rows: Sequence[Sequence[Views]]) -> Views:
-    """Views beside and below each other, as one."""
+    """Rows of views that lie side by side, joined to one."""
     parts = [part for row in rows for part in row]
     first, last = parts[0].box, parts[-1].box
     kinds = range(len(parts[0].images))
@@ -74,7 +74,7 @@ def joined(rows: Sequence[Sequence[Views]]) -> Views:
 
 
 def batch(pictures: Sequence[Views]) -> Views:
-    """The views of pictures of one size, with a dimension more in front."""
+    """The views of pictures of one size, stacked along a new first dimension."""
 
     def together(tensors: Sequence[Tensor]) -> Tensor:
         return torch.stack(list(tensors)) if len(tensors) > 1 else tensors[0][None]
@@ -93,7 +93,7 @@ def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
 
 
 def _joined(rows: list[list[Tensor]]) -> Tensor:
-    """Pictures [..., h, w], beside and below each other, as one."""
+    """Rows of pictures [..., h, w] that lie side by side, joined to one."""
     if torch.is_grad_enabled():
         return torch.cat([torch.cat(row, -1) for row in rows], -2)
     first = rows[0][0]

@@ -13,17 +13,17 @@ from torch import Tensor
 
 from defocus_core.inpainting.two_layer_pyramid import Level
 
-# Neighbours of half resolution whose radii differ by more, in px, are of two surfaces.
+# Greatest difference in px between the radii of neighbours at half resolution on one surface.
 _SAME = 1.013
 # Distances in px from a hidden pixel, along its direction, at which a farther surface is sought.
 _STEPS = (2.1, 4.1, 7.1, 11.1, 16.1, 22.1)
 # Distance in px from which a colour from one side alone has no weight.
 FARTHEST = 24
 # Greatest difference in px between the radius of a transported colour and the continued radius.
-_OF_ONE = 2.013
+_ALIKE = 2.013
 # Slope per px, as a share of the colour, below which a pixel has no direction; and the coherence
 # below which the direction hardly counts.
-_FLAT, _HARDLY = 1e-3, 0.05
+_FLAT, _UNCLEAR = 1e-3, 0.05
 
 
 def structure(half: Level) -> Level:
@@ -48,7 +48,7 @@ def structure(half: Level) -> Level:
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
-    """The mean slope [C, H, W] towards the neighbours that are of the same surface."""
+    """The mean slope [C, H, W] towards the neighbours on the same surface."""
     n = values.shape[dim] - 1
     if n < 1:
         return torch.zeros_like(values)
@@ -88,7 +88,7 @@ def transported(
     ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
     spot, away = _first_beyond(r, size, *ways, 0.5**halvings)
     expected = smooth[:, -1].detach().repeat(2)
-    near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _OF_ONE)
+    near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _ALIKE)
     ends = picture[:-1].flatten(1).index_select(1, spot).T
     n = len(at)
     first, second, to_first, to_second = ends[:n], ends[n:], away[:n], away[n:]
@@ -109,7 +109,7 @@ def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     trace = xx + yy + flat
     cosine, sine = (xx - yy) / trace, 2 * xy / trace  # of twice the angle of the gradient
     square = cosine * cosine + sine * sine
-    coherence = ((square + _HARDLY**2).sqrt() - _HARDLY) / ((1 + _HARDLY**2) ** 0.5 - _HARDLY)
+    coherence = ((square + _UNCLEAR**2).sqrt() - _UNCLEAR) / ((1 + _UNCLEAR**2) ** 0.5 - _UNCLEAR)
     half = (cosine / torch.where(square > 0, square, 1.0).sqrt()).detach()
     y = ((1 + half) / 2).clamp(min=0).sqrt()
     x = ((1 - half) / 2).clamp(min=0).sqrt() * torch.where(sine > 0, -1.0, 1.0).to(sine)

@@ -1,10 +1,10 @@
 """Disocclusion: how far the aperture looks behind edges of depth.
 
 The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
-of the near one: the greatest of r_far - |q - far| over all edges says how far anything shows (a
-dilation by a cone). But what shows is what comes next. Behind a wire before a sign this is the
-sign, even where the sky beside the sign would reach; so the closest edge is told, too, and its
-surface is continued if it is the sharper one.
+of the near one. The greatest of r_far - |q - far| over all edges (a dilation by a cone) tells how
+far any surface shows. But the lens sees the next surface first: behind a wire before a sign that is
+the sign, even where the cone of the sky beside the sign is greater. So the closest edge is kept,
+too, and its surface is continued if it is the sharper one.
 """
 
 from __future__ import annotations
@@ -31,25 +31,26 @@ _LEVELS = 13
 _BITS = 16
 _RADIUS = (1 << _BITS) - 1
 _NOWHERE = -2 << _LEVELS << _BITS
-# Grains by which radii between two of them belong to the greater: depth in half precision has many
-# in the middle.
+# Rounding to grains is shifted by this share of a grain: many radii from half-precision depth lie
+# in the middle between two grains.
 _BETWEEN = 0.013
-# Radii beyond this count as this: no frame is as wide.
+# Greatest radius in px that is told apart; no frame is as wide.
 _MOST = 4096.0
-# Pixels that are dilated at once.
+# Number of cells dilated at once.
 _PIXELS = 1 << 20
 
 
 class Revealed(NamedTuple):
-    """What may show behind some cells.
+    """The surface that may show behind each cell.
 
     Attributes:
-        shown: [h, w] px, the radius in front of which it shows; below all radii where nothing does.
-        source: [h, w] px, that of the edge it goes on from.
-        front: [h, w] px, that of the surface before it: the one in front, or what comes next but is
-            left out, being more blurred.
-        ceiling: [h, w] px, from which on a radius belongs to what lies behind that again; infinite
-            where nothing does.
+        shown: [h, w] px, the radius in front of which the surface shows; below all radii where no
+            surface does.
+        source: [h, w] px, the radius of the edge from which the surface is continued.
+        front: [h, w] px, the radius of the surface before it: the visible one, or the surface of
+            the closest edge where that is left out, being more blurred.
+        ceiling: [h, w] px, the radius from which on a surface lies behind the continued one;
+            infinite where the continued one is the farthest.
     """
 
     shown: Tensor
@@ -59,15 +60,13 @@ class Revealed(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Edges of a frame, as its cells of half of the resolution see them.
-
-    Radii are integers, in grains.
+    """The edges of a frame, by cells of half resolution; radii are integers, in grains.
 
     Attributes:
         farthest: [h, w], the greatest cone in the upper bits, and the radius of its edge in the
             lower ones.
         closest: [h, w], minus the px to the closest edge, and its radius likewise.
-        grain: Px.
+        grain: Px of one grain.
         fine: Where the middle of the frame is at full resolution.
     """
 
@@ -79,36 +78,36 @@ class Reach(NamedTuple):
     def behind(
         self, near: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
     ) -> Revealed:
-        """What may show behind each cell.
+        """The surface that may show behind each cell.
 
         Args:
             near: [height, width] px, the surface in front.
-            cells: Of the frame at full (0) or half (1) of its resolution, from some corner.
-            middle: Where the middle of the frame is from there.
+            cells: The cells, at full (0) or half (1) of the resolution, in a part of the frame.
+            middle: Where the middle of the frame is in that part.
             halvings: 0 or 1.
         """
-        cone, far = self._told(self.farthest, cells, middle, halvings)
+        cone, far = self._read(self.farthest, cells, middle, halvings)
         # two pixels of neighbouring cells may be a px apart, and not two
         cone = torch.minimum(cone + math.floor(DECAY / self.grain), far)
         shown, source = cone.to(near.dtype) * self.grain, far.to(near.dtype) * self.grain
-        away, radius = self._told(self.closest, cells, middle, halvings)
-        spent, next_one = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
-        comes_next = (next_one - spent > near + STEP) & (source > next_one + STEP)
-        # what is blurred more hardly shows that a part of it is missing
-        sharper = next_one.abs() <= source.abs()
-        front = torch.where(comes_next & ~sharper, next_one, near)
+        away, radius = self._read(self.closest, cells, middle, halvings)
+        spent, closest = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
+        comes_next = (closest - spent > near + STEP) & (source > closest + STEP)
+        # a gap in the more blurred one of two surfaces is hardly seen
+        sharper = closest.abs() <= source.abs()
+        front = torch.where(comes_next & ~sharper, closest, near)
         comes_next = comes_next & sharper
         return Revealed(
-            torch.where(comes_next, next_one - spent, shown),
-            torch.where(comes_next, next_one, source),
+            torch.where(comes_next, closest - spent, shown),
+            torch.where(comes_next, closest, source),
             front,
-            torch.where(comes_next, torch.lerp(next_one, source, _CEILING), torch.inf),
+            torch.where(comes_next, torch.lerp(closest, source, _CEILING), torch.inf),
         )
 
-    def _told(
+    def _read(
         self, edges: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
     ) -> tuple[Tensor, Tensor]:
-        """The upper and the lower bits of some cells."""
+        """The upper and the lower bits of the edges in each cell."""
         cuts = []
         for d, axis in enumerate(middle):
             fine, start, length = self.fine[d].middle, cells[d] - axis.middle, cells[d + 2]
@@ -127,7 +126,7 @@ class Reach(NamedTuple):
 
 
 def grain_of(least: float, most: float) -> float:
-    """Px that tell radii between two apart."""
+    """The grain in px for radii from `least` to `most` px."""
     largest = min(max(-least, most, 1.0), _MOST)
     return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
 
@@ -137,8 +136,8 @@ def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis,
 
     Args:
         r: [H, W] px.
-        farther: Numbers of these pixels.
-        grain: Px.
+        farther: Numbers of the farther pixels.
+        grain: Px of one grain.
         middle: Of the frame.
     """
     grains = r.flatten()[farther].clamp(-_MOST, _MOST) / grain

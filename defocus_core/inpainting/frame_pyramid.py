@@ -1,7 +1,7 @@
-"""A pyramid of the whole frame, from which regions take their surroundings.
+"""The pyramid of the whole frame, from which hidden surfaces are continued.
 
 A surface behind a depth edge is continued from pictures of a quarter of the resolution and less.
-They are made once for the whole frame, and so is the map of the edges' reach.
+These, and the map of how far each edge reaches, are made once for all regions of the frame.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _MIXED = 0.25
 # Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band; and
 # rows of quarter resolution around a band that it depends on.
 _BAND, _PIXELS, _AROUND = 32, 1 << 20, 2
-# Levels are made until a cell is this many times as wide as radii differ; no round number, so that
+# The last level has cells this many times as wide as the range of radii; no round number, so that
 # rounding decides nothing.
 _WIDER = 1.99
 
@@ -67,7 +67,7 @@ def backdrop(
         limit: Brightness above which a pixel is a highlight, which is not continued.
         dtype: Type to compute in; None for the type of the pixels.
         threads: Number of bands computed at once.
-        ends: Least and greatest radius in px, if they are known.
+        ends: Least and greatest radius in px; None to find them.
     """
     H, W = signed_radius.shape
     device = signed_radius.device

@@ -1,4 +1,4 @@
-"""A known layer behind the visible surface, and the pixels that it leaves unknown."""
+"""A known layer behind the visible surface, and the hidden pixels that it leaves to invent."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from defocus_core.inpainting.region_view import in_cells, in_pixels
 
 
 class Behind(NamedTuple):
-    """A known layer of a whole frame, in memory or not; outside the mask values are undefined."""
+    """The known layer of a whole frame, in memory or in files.
+
+    Attributes:
+        color: [C, H, W] linear; undefined outside the mask.
+        signed_radius: [H, W] px; undefined outside the mask.
+        mask: [H, W], not 0 where the layer is known.
+    """
 
     color: Pixels
     signed_radius: Pixels

@@ -70,17 +70,18 @@ def continued(
 
 
 def nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
-    """Values and weights from one level; arguments and result are those of `continued`."""
-    if len(asked.at) <= _PIXELS:
-        return _nearby(level, asked, fine)
-    pieces = zip(*(torch.split(values, _PIXELS) for values in asked), strict=True)
-    parts = [_nearby(level, Asked(*piece), fine) for piece in pieces]
+    """The mean of the four cells of one level around each pixel, weighted by distance.
+
+    Arguments and result are those of `continued`.
+    """
+    chunks = zip(*(torch.split(values, _PIXELS) for values in asked), strict=True)
+    parts = [_nearby(level, Asked(*chunk), fine) for chunk in chunks]
     values, weights = zip(*parts, strict=True)
     return torch.cat(values, 1), torch.cat(weights)
 
 
 def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
-    """The mean of the four cells around each pixel, weighted by distance."""
+    """The same for few pixels at once."""
     n, ends = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
     place = torch.stack(places(asked.at, fine, level.middle, level.halvings))
     (row, column), (down, across) = _neighbours(place.to(asked.border.dtype), level.size)

@@ -15,7 +15,7 @@ _Axes = tuple[Axis, Axis]
 
 
 class View(NamedTuple):
-    """A picture whose cells are pixels or, at half resolution, two by two pixels.
+    """A part of a frame whose cells are pixels or, at half resolution, two by two pixels.
 
     Attributes:
         picture: [C + 1, h, w], colour and radius in px of the farthest surface in each cell.
@@ -32,7 +32,7 @@ class View(NamedTuple):
     halvings: int
 
     def pixels(self, at: Tensor) -> Tensor:
-        """From cells, or places between cells, to pixels: rows and columns [n, 2]."""
+        """The places of cells [n, 2], also between cells, as rows and columns of pixels."""
         step = 1 << self.halvings
         places = [
             (at[:, d] - here.middle) * step + there.middle
@@ -56,7 +56,7 @@ class View(NamedTuple):
 
 
 def whole_view(image: Tensor, signed_radius: Tensor, middle: _Axes) -> View:
-    """A picture [C, H, W] of radii [H, W] px at full resolution."""
+    """A picture [C, H, W] and its radii [H, W] px at full resolution."""
     picture = torch.cat([image, signed_radius[None]])
     return View(picture, signed_radius.detach(), middle, middle, 0)
 

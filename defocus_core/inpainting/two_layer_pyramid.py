@@ -18,8 +18,8 @@ from defocus_core.images.pyramid import Axis, Halves, extended, halved, halves, 
 from defocus_core.images.sparse_masks import numbers_of
 
 # Range of radii in px that counts as one surface in a cell of two by two pixels; and the factor by
-# which it grows at each further level.
-_ALIKE, _MORE = 1.013, 1.5
+# which the range grows at each further level.
+_ALIKE, _GROWTH = 1.013, 1.5
 # Cells on edges that are split into two sheets at once: bounds memory.
 _CELLS = 1 << 12
 
@@ -63,12 +63,12 @@ class Level(NamedTuple):
     edges: Tensor
     whole: bool = False
 
-    def channels(self, wanted: slice) -> Level:
+    def channels(self, channels: slice) -> Level:
         """The level with a range of its channels."""
-        first = self.first._replace(values=self.first.values[wanted])
+        first = self.first._replace(values=self.first.values[channels])
         second = self.second
         if second is not None:
-            second = second._replace(values=second.values[wanted])
+            second = second._replace(values=second.values[channels])
         return self._replace(first=first, second=second)
 
 
@@ -105,7 +105,7 @@ def coarser(level: Level) -> Level:
     odd = (down.axis.odd, across.axis.odd)
     overlapping = level.halvings > 0
     sums = pulled if overlapping else halved
-    first, alike = level.first, _ALIKE * _MORE ** max(level.halvings - 1, 0)
+    first, alike = level.first, _ALIKE * _GROWTH ** max(level.halvings - 1, 0)
     least = first.least
     if level.number is not None:
         least = torch.where(level.number < 0, least, -torch.inf)

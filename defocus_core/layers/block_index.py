@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.images.box import Box, Span
 from defocus_core.images.tiling import BLOCK
@@ -72,42 +71,24 @@ def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Ten
     # which rungs between the least and the greatest have a pixel?
     row, column = torch.nonzero(below - above > 1).unbind(1)
     if len(row):
-        mixed = of_blocks(places, row, column, BLOCK).flatten(1)
+        mixed = _in_blocks(places)[row, :, column].flatten(1)
         rungs_held = torch.zeros((len(row), slices), dtype=torch.bool, device=places.device)
         rungs_held.scatter_(1, mixed.floor().long(), True).scatter_(1, mixed.ceil().long(), True)
         occupied[row, column] = rungs_held
     return occupied.permute(2, 0, 1)
 
 
-def block_ends(values: Tensor, side: int = BLOCK) -> tuple[Tensor, Tensor]:
-    """The least and the greatest value of each square block of [..., H, W]."""
-    least, most = values, values
-    for dim in (-2, -1):
-        least, most = _reduced(least, side, dim, torch.amin), _reduced(most, side, dim, torch.amax)
-    return least, most
+def block_ends(values: Tensor) -> tuple[Tensor, Tensor]:
+    """The least and the greatest value of each block of [..., H, W]."""
+    blocks = _in_blocks(values)
+    return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
 
 
-def _reduced(values: Tensor, side: int, dim: int, reduce: Callable[..., Tensor]) -> Tensor:
-    """Reduce each `side` values along an axis to one; the last group may hold fewer values."""
-    n = values.shape[dim]
-    whole = n - n % side
-    blocks = torch.unflatten(values.narrow(dim, 0, whole), dim, (n // side, side))
-    reduced = reduce(blocks, dim)
-    if whole == n:
-        return reduced
-    return torch.cat(
-        [reduced, reduce(values.narrow(dim, whole, n - whole), dim, keepdim=True)], dim
-    )
-
-
-def of_blocks(values: Tensor, row: Tensor, column: Tensor, side: int) -> Tensor:
-    """Values [..., n, side, side] of n blocks of [..., H, W]; past the border the last repeats."""
-    inner = torch.arange(side, device=values.device)
-    y, x = (
-        (side * number[:, None] + inner).clamp_(max=size - 1)
-        for number, size in zip((row, column), values.shape[-2:], strict=True)
-    )
-    return values[..., y[:, :, None], x[:, None]]
+def _in_blocks(values: Tensor) -> Tensor:
+    """Values [..., H, W] as [..., rows, 16, columns, 16]; past the border the last one repeats."""
+    rest = (0, -values.shape[-1] % BLOCK, 0, -values.shape[-2] % BLOCK)
+    padded = pad(values[None], rest, mode="replicate")[0]
+    return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
 
 
 def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:

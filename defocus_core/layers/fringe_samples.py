@@ -10,7 +10,7 @@ from defocus_core.images.pyramid import Axis
 from defocus_core.images.tiling import BLOCK
 
 
-class Points:
+class FringeSamples:
     """The fringe samples of a surface, each with its share in one slice, sorted by layer."""
 
     def __init__(

@@ -22,8 +22,6 @@ SHARP, SOFT = 0.15, 0.25
 # Radius in px below which each slice is a layer of its own.
 ALONE = 2.0
 _PX = "radii are in px, negative nearer than focus"
-# Greatest number of bins in a lookup table; and the rounding error of a place in it, in bins.
-_BINS, _ROUNDING = 1 << 14, 0.004
 
 
 class UnreachableTolerance(ValueError):  # noqa: N818 - named for the argument at fault
@@ -148,34 +146,13 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
         for column in zip(*((p.rung, p.a, p.b, p.c) for p in pieces), strict=True)
     )
     r = signed_radius.flatten()
-    piece = _between(r.detach(), [p.end for p in pieces[:-1]])
+    ends = torch.tensor([p.end for p in pieces[:-1]], dtype=torch.float64).to(r)
+    piece = torch.bucketize(r.detach(), ends, right=True, out_int32=True)
     share = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
     if any(p.b for p in pieces):
         share = share.addcmul(b.index_select(0, piece), r)
     places = lower.index_select(0, piece) + share.clamp(0, 1)
     return places.reshape(signed_radius.shape)
-
-
-def _between(values: Tensor, ends: list[float]) -> Tensor:
-    """For each value [n] how many of the ascending ends do not exceed it, as torch.bucketize.
-
-    A bin narrower than the distance between two ends holds one end at most. So one lookup in a
-    table of bins and one comparison suffice: faster than a search, whatever the order of values.
-    """
-    limits = torch.tensor(ends, dtype=torch.float64, device="cpu").to(values.dtype)
-    exact = limits.double()
-    width = 0.99 * min((b - a for a, b in pairwise(exact.tolist())), default=0.0)
-    if not (width and ends[-1] - ends[0] < _BINS * width):
-        return torch.bucketize(values, limits.to(values.device), right=True, out_int32=True)
-    first, count = float(exact[0]) - width, 2 + int((ends[-1] - ends[0] + width) / width)
-    # rounding may put a value into the bin beside its own
-    starts = first + width * (torch.arange(count, dtype=exact.dtype, device="cpu") - _ROUNDING)
-    before = torch.bucketize(starts, exact, right=True)
-    next_end = torch.cat([limits, limits.new_full((1,), math.inf)])[before]
-    passed, next_end = before.to(values), next_end.to(values.device)
-    bin_number = (values - first).mul_(1 / width).clamp_(0, count - 1).int()
-    reached = next_end.index_select(0, bin_number).le_(values)
-    return passed.index_select(0, bin_number).add_(reached).int()
 
 
 class _Piece(NamedTuple):

@@ -124,7 +124,7 @@ class _Side(NamedTuple):
 def _taken_apart(
     image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
 ) -> tuple[Tensor, ...]:
-    """Take apart those of the pixels at [n, 2] that are mixed.
+    """Take apart the mixed ones of the pixels at [n, 2].
 
     Returns:
         Place, colour and coverage of mixed pixels; place, layer and radius of the fringe in them.
@@ -132,7 +132,7 @@ def _taken_apart(
     around = _around(image, signed_radius, edge, border, at)
     own = _side(around, around.nearness * around.own())
     mixed = torch.nonzero(own.known & (_deviation(around.color, own) > _UNLIKE))[:, 0]
-    around = around.some(mixed)
+    around = around.select(mixed)
     stepped = _has_step(around.radii.detach())
     at, own = at.index_select(0, mixed), _Side(*(each.index_select(0, mixed) for each in own))
     own_near, color = around.is_near[_MIDDLE], around.color
@@ -153,7 +153,7 @@ def _taken_apart(
         _within(side, color, side.mean + residual * weight)
         for side, weight in zip((near, far), weights, strict=True)
     )
-    # what a colour was clipped by goes to the other, within its range unless α was clipped, too
+    # the part clipped off a colour goes to the other, within its range unless α was clipped, too
     limits = [torch.where(alpha == 0.5, color, own_limit) for own_limit in (far_color, near_color)]
     far_color = _within(far, limits[0], _rest(color, near_color, alpha))
     near_color = _within(near, limits[1], _rest(color, far_color, 1 - alpha))
@@ -192,7 +192,7 @@ class _Around(NamedTuple):
         alike = (self.radii - self.radii[_MIDDLE]).detach().abs() <= EDGE
         return alike & (self.is_near == self.is_near[_MIDDLE])
 
-    def some(self, index: Tensor) -> _Around:
+    def select(self, index: Tensor) -> _Around:
         """The squares around the pixels of these indices."""
         return _Around(*(each.index_select(-1, index) for each in self))
 
@@ -240,7 +240,7 @@ def _with_thin(far: _Side, near: _Side, around: _Around, thin: Tensor) -> _Side:
     thin_index = torch.nonzero(thin)[:, 0]
     if not len(thin_index):
         return near
-    thin_around = around.some(thin_index)
+    thin_around = around.select(thin_index)
     own = _side(thin_around, _closeness(thin_around.radii) * thin_around.is_near)._replace(
         variance=far.variance[thin_index]
     )

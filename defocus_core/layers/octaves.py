@@ -20,7 +20,7 @@ _REST = 64
 
 
 class Turns(NamedTuple):
-    """Between which visible layers hidden octaves are composited.
+    """The places of hidden octaves in the order of visible layers.
 
     Attributes:
         beyond: Number of the first visible layer beyond focus; greater than all numbers if there

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.images.box import Box
+from defocus_core.images.box import Box, Span
 from defocus_core.images.pyramid import Axis, averaged
 from defocus_core.images.tiling import BLOCK, Grid
 from defocus_core.layers.block_index import blocks_at, blocks_of, visible_slices
 from defocus_core.layers.extents import Patch, patches
-from defocus_core.layers.fringe_samples import Points
+from defocus_core.layers.fringe_samples import FringeSamples
 from defocus_core.layers.ladder import membership
 from defocus_core.layers.planar_slices import Planes
 from defocus_core.layers.subpixel_shifts import Shifts
@@ -86,18 +86,14 @@ class Surface:
             covered = samples.coverage.detach()[0].bool()
             exists = None if bool(covered.all()) else covered
         blocks = blocks_of(samples.places, count, exists)
-        extra = None
         if len(samples.at):
-            extra = blocks_at(samples.extra_places, samples.at, count, (H, W))
-            blocks |= extra
+            blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._blocks = blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._lean, self._planes = samples.slopes, None
         if samples.slopes is not None:
-            planes = Planes(
-                samples.slopes.detach(), samples.places.detach(), self._blocks, level=extra
-            )
+            planes = Planes(samples.slopes.detach(), self._blocks)
             tilted = blocks & planes.tilted.to(blocks.device)
             self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
             if not samples.slopes.requires_grad:
@@ -109,33 +105,21 @@ class Surface:
             self._layer = self._framed([color * self._coverage, self._coverage])
         self._places, self._shifts = self._framed([samples.places[None]])[0], samples.shifts
         self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
-        self._extra = None
+        self._fringe = None
         if len(samples.at):
-            self._extra = Points(samples.at, samples.extra, samples.extra_places, layers, H)
+            self._fringe = FringeSamples(samples.at, samples.extra, samples.extra_places, layers, H)
 
     @cached_property
     def _slopes(self) -> Tensor | None:
         """Slopes of samples in the frame of zeros; only needed by slices that are no planes."""
         return None if self._lean is None else self._framed([self._lean])
 
-    @cached_property
-    def _extents(self) -> _Extents:
-        """Extents of its slices; only needed by slices blurred at reduced resolution."""
-        return _Extents(self._blocks, self._own[2:])
-
-    def _framed(self, some: list[Tensor]) -> Tensor:
+    def _framed(self, channels: list[Tensor]) -> Tensor:
         """Channels [..., H, W], one after another, in a frame of zeros that holds every window."""
-        count, box = sum(len(values) for values in some), self._framed_box
-        framed = some[0].new_empty(count, *box[2:])
-        inner = self._own.seen_from(box)
-        down, across = inner.sides
-        for beside in (framed[:, : down.first], framed[:, down.end :]):
-            beside.zero_()
-        rows, first = framed[:, down.first : down.end], 0
-        for beside in (rows[..., : across.first], rows[..., across.end :]):
-            beside.zero_()
-        for values in some:
-            inner.of(framed)[first : first + len(values)].copy_(values)
+        framed = channels[0].new_zeros(sum(map(len, channels)), *self._framed_box[2:])
+        own, first = self._unframed(self._own, framed), 0
+        for values in channels:
+            own[first : first + len(values)].copy_(values)
             first += len(values)
         return framed
 
@@ -161,17 +145,17 @@ class Surface:
             lit: The rectangle of the window that is not zero. It begins at the first row and column
                 of the layer or of the window; samples after its end are set to 0.
         """
-        here = window.seen_from(self._framed_box)
-        shares = membership(here.of(self._places), self._ladder[rungs.start : rungs.stop])
+        places, layer = (self._unframed(window, x) for x in (self._places, self._layer))
+        shares = membership(places, self._ladder[rungs.start : rungs.stop])
         ends = lit.seen_from(window).sides
         below, beside = window.height - ends[0].end, window.width - ends[1].end
         if below > 0:
             shares[:, -below:] = 0
         if beside > 0:
             shares[..., -beside:] = 0
-        slices = here.of(self._layer)[:, None] * shares
-        if self._extra:
-            self._extra.add(slices, self._layers[rungs.start], rungs.start, window, lit)
+        slices = layer[:, None] * shares
+        if self._fringe:
+            self._fringe.add(slices, self._layers[rungs.start], rungs.start, window, lit)
         return slices
 
     def shares(self, rungs: range, box: Box) -> Tensor:
@@ -199,9 +183,22 @@ class Surface:
         """
         return self._planes.slopes(rungs, box) if self._planes else [None] * len(rungs)
 
-    def bounds(self, rungs: list[int]) -> Box:
-        """A rectangle that holds all samples of the given slices."""
-        return self._extents.box(rungs)
+    def bounds(self, rungs: list[int], within: Box | None = None) -> Box:
+        """The rectangle of blocks that hold samples of the given slices.
+
+        Args:
+            rungs: Numbers of the slices.
+            within: A rectangle whose rows alone are looked at; None for all rows.
+        """
+        rows = (within or self._own).sides[0]
+        first = rows.first // BLOCK
+        occupied = self._blocks[rungs, first : -(-rows.end // BLOCK)].any(0)
+        down, across = (torch.nonzero(occupied.any(dim))[:, 0].tolist() for dim in (1, 0))
+        if not down:
+            return Box(0, 0, 0, 0)
+        spans = Span(first + down[0], first + down[-1] + 1), Span(across[0], across[-1] + 1)
+        held = (Span(BLOCK * span.first, BLOCK * span.end) for span in spans)
+        return Box.over(*held).grown(0, self._own)
 
     def averaged(
         self,
@@ -239,47 +236,22 @@ class Surface:
             overlap = mean_box.grown(0, cells)
             if overlap.height > 0 and overlap.width > 0:
                 overlap.seen_from(cells).of(result).add_(overlap.seen_from(mean_box).of(pixels))
-        if self._extra:
+        if self._fringe:
             number = self._layers[rung]
-            self._extra.averaged(result[0], number, rung, 1 << halvings, cells, middle)
+            self._fringe.averaged(result[0], number, rung, 1 << halvings, cells, middle)
         return result
 
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
-        size = self._own[2:]
-        bounds = self._extents.box([rung])
+        bounds, width = self.bounds([rung]), self._own.width
         rows = max(step, _AREA // max(bounds.width, 1) // _BAND * _BAND, _BAND)
-        frame, whole = Box(0, 0, *size), _aligned(bounds, rows, middle)
+        whole = _aligned(bounds, rows, middle)
         for top in range(whole.top, whole.top + whole.height, rows):
-            band = Box(top, 0, rows, size[1]).grown(0, frame)
-            extent = self._extents.box([rung], band.top, band.top + band.height)
+            band = Box(top, 0, rows, width).grown(0, self._own)
+            extent = self.bounds([rung], band)
             if extent.width:
                 aligned = _aligned(extent._replace(top=band.top, height=0), step, middle)
-                yield band._replace(left=aligned.left, width=aligned.width).grown(0, frame)
-
-
-class _Extents:
-    """The extents of slices: in each row of blocks the first block and the one after the last."""
-
-    def __init__(self, blocks: Tensor, size: Sequence[int]) -> None:
-        """Keep the extents of blocks [K, rows, columns] bool of a frame of (height, width)."""
-        columns, occupied = blocks.shape[2], blocks.any(2)
-        first = torch.where(occupied, blocks.long().argmax(2), columns)
-        end = torch.where(occupied, columns - blocks.flip(2).long().argmax(2), 0)
-        self._size, self._first, self._end = (size[0], size[1]), first.tolist(), end.tolist()
-
-    def box(self, rungs: list[int], top: int = 0, below: int | None = None) -> Box:
-        """The rectangle that holds all blocks of the given slices, of all rows or between two."""
-        rows = slice(top // BLOCK, -(-(self._size[0] if below is None else below) // BLOCK))
-        ends = [
-            max(of_row) for of_row in zip(*(self._end[rung][rows] for rung in rungs), strict=True)
-        ]
-        held = [row for row, end in enumerate(ends, rows.start) if end]
-        if not held:
-            return Box(0, 0, 0, 0)
-        left, beside = min(min(self._first[rung][rows]) for rung in rungs), max(ends)
-        sides = (held[0], left, held[-1] + 1 - held[0], beside - left)
-        return Box(*(BLOCK * n for n in sides)).grown(0, Box(0, 0, *self._size))
+                yield band._replace(left=aligned.left, width=aligned.width).grown(0, self._own)
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:

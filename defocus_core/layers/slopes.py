@@ -57,33 +57,14 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
 
 def _many_around(mask: Tensor) -> Tensor:
     """Where enough of the square around each pixel, cut to the frame, is in a mask [H, W]."""
-    size = 2 * _AROUND + 1
-    count, area = mask.to(torch.uint8), []  # a square has fewer pixels than 255
-    for dim in (0, 1):
-        n = mask.shape[dim]
+    count, area = mask.to(torch.int32), torch.ones((), device=mask.device)
+    for dim, n in enumerate(mask.shape):
         place = torch.arange(n, device=mask.device)
-        area.append((place + _AROUND).clamp(max=n - 1) - (place - _AROUND).clamp(min=0) + 1)
-        around = [_AROUND, _AROUND] if dim else [0, 0, _AROUND, _AROUND]
-        count = _sums_of(pad(count, around), size, dim)
-    least = (_AREA * (area[0][:, None] * area[1]).float()).floor()
-    return count > least.to(torch.uint8)
-
-
-def _sums_of(values: Tensor, count: int, dim: int) -> Tensor:
-    """Sums of `count` neighbours along an axis, from sums of 1, 2, 4, ... neighbours."""
-    n = values.shape[dim] + 1 - count
-    total, done, size = None, 0, 1
-    while True:
-        if count & size:
-            part = values.narrow(dim, done, n)
-            total = part.clone() if total is None else total.add_(part)
-            done += size
-        if done == count:
-            assert total is not None
-            return total
-        length = values.shape[dim] - size
-        values = values.narrow(dim, 0, length) + values.narrow(dim, size, length)
-        size *= 2
+        first, end = (place - _AROUND).clamp(min=0), (place + _AROUND + 1).clamp(max=n)
+        sums = pad(count.cumsum(dim, dtype=torch.int32), (1, 0) if dim else (0, 0, 1, 0))
+        count = sums.index_select(dim, end) - sums.index_select(dim, first)
+        area = area[..., None] * (end - first)
+    return count > _AREA * area
 
 
 def _limited(r: Tensor, dim: int) -> Tensor:

@@ -1,10 +1,10 @@
-"""Sub-pixel shifts: how parts of the aperture see what is near focus.
+"""Sub-pixel shifts: how parts of the aperture see surfaces near focus.
 
 A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
-of this: kernels sampled by area know no shift within a pixel, and shares in two slices keep the
-second moment of a blur, not its first. What is missing is made up for by the gradient of the
-surface's own colours (Taylor). It changes no coverage, and only the pair: the centroids of the
-parts add up to nothing.
+a part of this shift: kernels sampled by area have no shift within a pixel, and shares in two slices
+keep the second moment of a blur, not its first. The gradient of the surface's own colours adds the
+lost part (Taylor). Coverage does not change, and neither does the centre image: the centroids of
+the parts sum to zero.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ from functools import lru_cache
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.images.box import Box
 from defocus_core.layers.ladder import SHARP, SOFT
 from defocus_core.optics.aperture import LEFT, Aperture, Part
 
-# Radii in px of slices whose shifts are made up for; beyond, what is missing is less than 0.03 px.
+# Radius in px of slices up to which lost shifts are added; beyond, less than 0.03 px is lost.
 NEAR = 2.0
 # Px around a pixel that decide the gradient of its colours.
-AROUND = 2
+AROUND = 1
 # Centroids less far than this above or below the middle of the lens are level with it.
 _LEVEL = 1e-6
 # Neighbours whose radii differ by less, in px, are of the same surface.
@@ -37,7 +38,7 @@ def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[float, ...]
 
 
 class Shifts:
-    """What parts of the aperture add to the colours of a surface near focus."""
+    """The changes of a surface's colours near focus, for parts of the aperture."""
 
     def __init__(
         self,
@@ -63,7 +64,7 @@ class Shifts:
         self._color, self._radius, self._places = color, signed_radius, places
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
         self._apparent = places.new_tensor(_apparent(radii, aperture))
-        # up to there pixels have shares in slices near focus
+        # pixels of lesser radii have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [aperture.centroid(part) for part in parts]
         # x, and y where it makes a difference
@@ -71,10 +72,10 @@ class Shifts:
         self._centroids = places.new_tensor(centroids)[:, :dims]
 
     def over(self, box: Box) -> Tensor | None:
-        """For a slice that has all of a surface within a rectangle: [M, C, h, w].
+        """The change of the colours of a surface within a rectangle: [M, C, h, w].
 
-        None if nothing there is near focus; it is not asked off the CPU, where the answer would
-        be waited for.
+        None if nothing in the rectangle is near focus. On a GPU this is not checked, for the check
+        would wait for the device.
         """
         around = box.grown(AROUND, self._whole)
         inner, around = box.seen_from(around), around.seen_from(self._whole)
@@ -85,16 +86,16 @@ class Shifts:
             return None
         lower = places.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
         share, number = places - lower, lower.long().flatten()
-        here, other = (
+        first, second = (
             self._apparent.index_select(0, (number + i).clamp(max=len(self._apparent) - 1))
             for i in (0, 1)
         )
-        found = torch.lerp(here, other, share.flatten()).reshape(r.shape)
+        apparent = torch.lerp(first, second, share.flatten()).reshape(r.shape)
         # as positions do, it begins between SHARP and SOFT
         begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]
         slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
-        changes = slopes * (found - begun * r)
+        changes = slopes * (apparent - begun * r)
         moved: Tensor = self._centroids[:, 0, None, None, None] * changes[0]
         for mean, change in zip(self._centroids.unbind(1)[1:], changes[1:], strict=True):
             moved = moved.addcmul(mean[:, None, None, None], change)
@@ -102,27 +103,12 @@ class Shifts:
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
-    """The derivative [C, H, W] within each surface: of fourth order, of first at its ends."""
-    steps, same = _steps(color, signed_radius, dim)
-    (a, b, c, d), (p, q, r, t) = steps, same
-    plain = (b + c) / (q.to(color) + r).clamp(min=1)
-    return torch.where(p & q & r & t, (7 * (b + c) - a - d) / 12, plain)
+    """The derivative [C, H, W] within each surface: the mean of the steps on both sides of a pixel.
 
-
-def _steps(
-    color: Tensor, signed_radius: Tensor, dim: int
-) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
-    """Two steps of colour [C, H, W] before each pixel and two after, and which are of one surface.
-
-    Between two surfaces there is none.
+    A step to another surface does not count.
     """
-    n = signed_radius.shape[dim]
-    same = signed_radius.detach().diff(dim=dim).abs() < _SAME
-    step = color.diff(dim=dim) * same
-    none, nowhere = (torch.zeros_like(x.narrow(dim, 0, 1)) for x in (color, signed_radius))
-    nowhere = nowhere.bool()
-    steps = torch.cat([none, none, step, none, none], dim)
-    some = torch.cat([nowhere, nowhere, same, nowhere, nowhere], dim)
-    return tuple(steps.narrow(dim, i, n) for i in range(4)), tuple(
-        some.narrow(dim, i, n) for i in range(4)
-    )
+    n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
+    same = (signed_radius.detach().diff(dim=dim).abs() < _SAME).to(color)
+    steps, counts = (pad(x, around) for x in (color.diff(dim=dim) * same, same))
+    total, count = (x.narrow(dim, 0, n) + x.narrow(dim, 1, n) for x in (steps, counts))
+    return total / count.clamp(min=1)

@@ -1,4 +1,4 @@
-"""Checkpointing: what is recomputed, not kept, for a backward pass."""
+"""Checkpointing: recompute tensors in a backward pass instead of keeping them."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ R = TypeVar("R")
 
 
 def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
-    """The same work; where gradients are wanted it is done again when they are.
+    """The same work, repeated by a backward pass where gradients are enabled.
 
-    A backward pass then holds what one piece of work needs, not what all do (Chen et al. 2016).
+    A backward pass then holds the tensors of one piece of work, not of all (Chen et al. 2016).
     """
     if not torch.is_grad_enabled():
         return work
 
-    def worked(piece: T) -> R:
-        with own_modes():  # a backward pass comes in others, but for autocast
+    def in_own_modes(piece: T) -> R:
+        with own_modes():  # of the caller's modes, checkpoint restores autocast alone
             return work(piece)
 
     def again(piece: T) -> R:
-        result = checkpoint(worked, piece, use_reentrant=False, preserve_rng_state=False)
+        result = checkpoint(in_own_modes, piece, use_reentrant=False, preserve_rng_state=False)
         return cast(R, result)
 
     return again
 
 
 def unrecorded() -> AbstractContextManager[None]:
-    """Where no gradients are wanted, work is faster still in torch's inference mode.
+    """Inference mode unless gradients are enabled: faster than without gradients alone.
 
-    What is made within can take no part in a later backward pass: it is put together outside.
+    Tensors made within can take no part in a later backward pass; results are joined outside.
     """
     return torch.inference_mode(not torch.is_grad_enabled())

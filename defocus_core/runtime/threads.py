@@ -1,6 +1,6 @@
 """Work in threads, in the caller's gradient and inference modes.
 
-The number of results that wait to be taken is bounded, whoever takes them slowly.
+The number of results that wait for the caller is bounded.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import torch
 
-# Pieces for each thread that are begun before the first of them is taken.
+# Pieces for each thread that are begun before the first result is taken.
 AHEAD = 3
 
 T = TypeVar("T")
@@ -23,9 +23,9 @@ def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Itera
     """The results of work on each piece, in order, `threads` pieces at a time.
 
     Args:
-        work: What is done.
-        pieces: What it is done with.
-        threads: How many at once.
+        work: A function of one piece.
+        pieces: The arguments of the work.
+        threads: Number of pieces at once.
     """
     if threads == 1 or len(pieces) < 2:
         yield from map(work, pieces)
@@ -45,11 +45,11 @@ def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Itera
 
 
 def carried(work: Callable[[T], R]) -> Callable[[T], R]:
-    """Work in the modes of the thread that calls this, on whatever thread it is done."""
+    """The same work in the modes of the calling thread, on any thread."""
     gradient, inference = torch.is_grad_enabled(), torch.is_inference_mode_enabled()
 
     def in_modes(piece: T) -> R:
-        torch.get_num_threads()  # before that a new thread transforms with those of all cores
+        torch.get_num_threads()  # else a new thread runs transforms on all cores
         with torch.inference_mode(inference), torch.set_grad_enabled(gradient):
             return work(piece)
 

@@ -10,9 +10,9 @@ import torch
 
 @contextmanager
 def own_modes(device: torch.device | None = None) -> Iterator[None]:
-    """No autocast, on the CPU and a device; and what names no device is made on the CPU.
+    """No autocast on the CPU and on a device, and the CPU as default device.
 
-    Autocast would round to 8 or 11 bits, in the thread that it is switched on in alone.
+    Autocast would round to 8 or 11 bits, and only in the thread in which it is switched on.
     """
     kinds = {"cpu", device.type if device else "cpu"}
     with ExitStack() as modes:

@@ -23,7 +23,7 @@ from command_line import (
 )
 
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
-from defocus_cli.rendering import forecast, job_steps, memory_budget, memory_fit
+from defocus_cli.rendering import forecast, job_steps, memory_budget
 from defocus_cli.rendering.memory_budget import Holding
 from defocus_cli.system import console, memory
 from defocus_cli.system.errors import TooLarge
@@ -153,7 +153,7 @@ def held(room_mb: float) -> Holding:
 
 def regions_at_once(job: Job, room_mb: float) -> int:
     unused: Any = None
-    return memory_fit.regions_at_once(job, unused, held(room_mb), "cpu")
+    return memory_budget.regions_at_once(job, unused, held(room_mb), "cpu")[0]
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_as_many_regions_as_fit_are_computed_at_once(
 def test_what_a_limit_forbids_a_greater_one_would_allow(
     short: Callable[..., Job], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(memory_fit, "enough_mb", lambda job, needed: 300.0 + needed)
+    monkeypatch.setattr(memory_budget, "enough_mb", lambda job, needed: 300.0 + needed)
     job = short(lambda threads, at_once: 60.0, limit=500 * memory.MB)
     monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 4000.0)
     with pytest.raises(TooLarge, match="use --memory 360MB"):

@@ -38,6 +38,18 @@ def test_a_missing_file(color: Path, depth: Path, out: Path) -> None:
     refused_input(render(missing, "-o", out), missing, "no such file")
 
 
+def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color: Path) -> None:
+    missing = tmp_path / "none"
+    asked = {("info", missing): 3, ("status", missing): 3, ("batch", missing, "-o", "out"): 3}
+    for words, code in {**asked, ("info",): 2, ("render", missing, "-o", "out", *LENS): 3}.items():
+        ran = run(*words, "--json")
+        message = ran.err.removeprefix("defocus: ").removesuffix("\n")
+        assert ran.json["error"] == {"message": message, "exit_code": code}
+        assert ran.code == code
+    assert "error" not in run("info", color, missing, "--json").json
+    assert run("info", missing).out == ""
+
+
 def test_a_link_that_leads_nowhere(color: Path, depth: Path, out: Path) -> None:
     circle = color.with_name("a")
     circle.symlink_to("a")

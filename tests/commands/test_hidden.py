@@ -83,7 +83,7 @@ def test_hidden_directories_pair_by_stem(tmp_path: Path) -> None:
     assert files_under(tmp_path / "o") == {"render/a.exr", "render/b.exr"}
     scene(tmp_path, "c")
     ran = render(*folders[:2], "-o", tmp_path / "p", "--hidden", *folders[2:])
-    refused(ran, 3, "hidden: nothing in it has the stem of c.exr")
+    refused(ran, 3, "hidden: holds nothing named 'c' like")
 
 
 def test_hidden_that_does_not_fit(tmp_path: Path) -> None:

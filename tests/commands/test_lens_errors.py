@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from command_line import depth_exr, ramp, refused, refused_input, render, run
 
+from defocus_cli.jobs import toml_file
+
 
 @pytest.mark.parametrize(
     ("data", "words"),
@@ -16,7 +18,6 @@ from command_line import depth_exr, ramp, refused, refused_input, render, run
         (b"\xff\xfef\0n\0", "is not a text file"),
         (b"[" * 100_000, "is not TOML"),
         (b"fnumber = " + b"9" * 5000, "is not TOML"),
-        (b"#" * (2**20 + 1), "is not a lens file"),
     ],
 )
 def test_a_lens_file_of_anything_else(
@@ -25,6 +26,16 @@ def test_a_lens_file_of_anything_else(
     path = tmp_path / "lens.toml"
     path.write_bytes(data)
     refused_input(run("render", color, depth, "-o", out, "--lens", path), path, words)
+
+
+def test_a_lens_file_that_never_ends_is_not_read_to_its_end(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(toml_file, "LARGEST_FILE", 99)
+    path = color.with_name("lens.toml")
+    path.write_bytes(b"#" * 100)
+    ran = run("render", color, depth, "-o", out, "--lens", path)
+    refused_input(ran, path, "is not a lens file")
 
 
 def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, out: Path) -> None:

@@ -75,6 +75,18 @@ def test_a_fault_of_python_itself_is_told_as_ever() -> None:
     assert "ZeroDivisionError" in ran.stderr
 
 
+def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback() -> None:
+    pressing = (
+        "import os, signal, sys\n"
+        "class Pressing:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'click': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Pressing())\n"
+    )
+    ran = ended(pressing + RUN, "--version")
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "defocus: interrupted\n")
+
+
 def test_garbage_is_not_looked_for_while_modules_are_imported() -> None:
     assert gc.isenabled()
     with imports():

@@ -177,9 +177,9 @@ def test_machine_options_reach_the_renderer(
     asked: dict[str, Any] = {}
     true_stream = defocus_core.Stream
 
-    def spy(image: Any, radius: Any, **settings: Any) -> Any:
-        asked.update(settings, device=image.device.type)
-        return true_stream(image, radius, **settings)
+    def spy(image: Any, radius: Any, settings: Any, *more: Any, **others: Any) -> Any:
+        asked.update(vars(settings), device=image.device.type)
+        return true_stream(image, radius, settings, *more, **others)
 
     monkeypatch.setattr(defocus_core, "Stream", spy)
     machine = ("--quality", "draft", "--device", "cpu", "--threads", "3", "--tile", "64")

@@ -24,8 +24,9 @@ from command_line import (
     texture,
 )
 
-from defocus_cli.batch import local_process
-from defocus_cli.rendering import job_steps
+from defocus_cli.batch import pipeline
+from defocus_cli.rendering import delivery, job_steps
+from defocus_cli.rendering.outcome import Outcome, Rendering
 
 __all__ = ["folders", "in_process"]
 Computed = list[str]
@@ -231,6 +232,9 @@ def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(
     assert not (out / "coc" / "c.exr").is_symlink()
 
 
+PLAN = '{"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/c.exr"]], "unknown": []}'
+
+
 def test_what_a_killed_run_had_begun_is_its_own(
     folders: tuple[Path, Path], out: Path, computed: Computed
 ) -> None:
@@ -238,9 +242,7 @@ def test_what_a_killed_run_had_begun_is_its_own(
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
-    run.write_text(
-        '{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}\n{"files": ["coc/c.exr"]}\n'
-    )
+    run.write_text(PLAN)
     (out / "coc" / f".c.exr.{os.getpid()}.3.tmp").write_text("half")
     computed.clear()
     assert again(folders, out).code == 0
@@ -255,15 +257,13 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
-    run.write_text(
-        '{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}\n{"files": ["coc/c.exr"]}\n'
-    )
+    run.write_text(PLAN)
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(local_process, "execute", killed)
+        patched.setattr(pipeline, "execute", killed)
         assert again(folders, out).code == 130
     ran = again(folders, out)
     assert ran.code == 0, ran.err
@@ -274,14 +274,14 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
 def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
     folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = job_steps.write
+    write = delivery.write
 
-    def leaving(made: job_steps.Made) -> job_steps.Outcome:
+    def leaving(made: Rendering) -> Outcome:
         done = write(made)
         (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
         return done
 
-    monkeypatch.setattr(job_steps, "write", leaving)
+    monkeypatch.setattr(delivery, "write", leaving)
     assert again(folders, out).code == 0
     assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
 
@@ -406,3 +406,14 @@ def test_another_picture_of_the_same_name_is_refused(
     one[0].rename(tmp_path / "moved.exr")
     assert render(*other, "-o", out, "--blades", "5").code == 0
     assert computed == ["a", "a", "a"]
+
+
+def test_a_preview_goes_with_the_picture_that_it_shows(
+    folders: tuple[Path, Path], out: Path
+) -> None:
+    previews = [out / "coc" / f"{stem}.preview.png" for stem in "abc"]
+    again(folders, out, "--preview")
+    assert all(map(Path.exists, previews))
+    previews[1].write_bytes(b"somebody's own")
+    again(folders, out, "--fnumber", "4")
+    assert [path.exists() for path in previews] == [False, True, False]

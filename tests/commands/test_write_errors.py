@@ -24,7 +24,7 @@ from command_line import (
 )
 
 from defocus_cli.formats import exr
-from defocus_cli.rendering import job_steps
+from defocus_cli.rendering import delivery, job_steps
 from defocus_cli.system.interrupts import put_off
 
 
@@ -142,7 +142,8 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
 ) -> None:
     for stem in "ab":
         color, depth = pair(tmp_path, stem)
-    step = getattr(job_steps, at)
+    module = delivery if at == "write" else job_steps
+    step = getattr(module, at)
 
     def removing(*args: object) -> object:
         done = step(*args)
@@ -151,7 +152,7 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
             out.mkdir()
         return done
 
-    monkeypatch.setattr(job_steps, at, removing)
+    monkeypatch.setattr(module, at, removing)
     ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
     refused(ran, 3, f"{out / '.journal.lock'}: was removed", "run the same command")
     assert again or not out.exists()
@@ -208,7 +209,7 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     files = [*pair(tmp_path), "-o", tmp_path / "out"]
     script = (
         "import sys, time; from defocus_cli import main\n"
-        "from defocus_cli.rendering import job_steps\n"
+        "from defocus_cli.rendering import delivery, job_steps\n"
         "job_steps.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
         "sys.exit(main.main())"
     )

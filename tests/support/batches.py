@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from command_line import Ran, pair, render
 
-from defocus_cli.batch import local_process
-from defocus_cli.batch.execution import Chunk, Done, Execute
+from defocus_cli.batch import pipeline
+from defocus_cli.batch.plan import Chunk, Done, Execute
 from defocus_cli.jobs.job import Job, lens_record
 from defocus_cli.journal import identity
 from defocus_cli.options.batch import Crew
@@ -78,7 +78,7 @@ def without_times(out: Path) -> list[dict[str, Any]]:
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Batches are computed in the process of the test, which has torch already."""
-    monkeypatch.setattr(Crew, "execute", lambda crew: local_process.execute)
+    monkeypatch.setattr(Crew, "execute", lambda crew: pipeline.execute)
 
 
 def make_believe(out: Path) -> Execute:

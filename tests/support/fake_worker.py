@@ -60,10 +60,15 @@ def serve_slowly(connection: Connection) -> None:
 
 
 def serve_on(connection: Connection) -> None:
-    """Be at something that takes a minute."""
-    worker.end_with_coordinator()
+    """Import something that takes a minute."""
     connection.send(READY)
-    time.sleep(60)
+    job_steps.load = lambda: time.sleep(60)
+    worker.serve(connection)
+
+
+def serve_mask(connection: Connection) -> None:
+    """Say whether Ctrl-C is kept from this process."""
+    connection.send(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
 
 
 def serve_nobody(connection: Connection) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from command_line import color_exr, depth_exr, ramp
 
-from defocus_cli.batch.execution import Chunk
+from defocus_cli.batch.plan import Chunk
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.jobs_file import read_jobs
 

@@ -67,15 +67,15 @@ def test_memory_does_not_grow_with_the_jobs(tmp_path: Path) -> None:
     pair(tmp_path)
     jobs_of(tmp_path, '"1.5m..3m @ 2000 in depth"')
     script = (
-        "import resource, sys; from defocus_cli import main\n"
-        "from defocus_cli.batch import local_process\n"
+        "import itertools, resource, sys; from defocus_cli import main\n"
+        "from defocus_cli.batch import pipeline\n"
         "from defocus_cli.journal import journal\n"
         "from defocus_cli.options import batch\n"
-        "batch.Crew.execute = lambda crew: local_process.execute\n"
-        "append = journal.Journal.append\n"
+        "batch.Crew.execute = lambda crew: pipeline.execute\n"
+        "append, count = journal.Journal.append, itertools.count(1)\n"
         "def told(journal, record):\n"
         "    append(journal, record)\n"
-        "    if journal.count in (500, 2000):\n"
+        "    if next(count) in (500, 2000):\n"
         "        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
         "journal.Journal.append = told\n"
         "sys.exit(main.main(sys.argv[1:]))"

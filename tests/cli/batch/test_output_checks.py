@@ -9,6 +9,7 @@ import pytest
 from defocus_cli.batch.output_checks import refuse_misplaced, refuse_unknown
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.system.errors import InputError
+from defocus_cli.system.safe_files import written_whole
 
 LENS = Lens(50.0, 2.0, 2000.0)
 
@@ -86,3 +87,20 @@ def test_a_file_in_place_of_a_directory_is_refused(tmp_path: Path) -> None:
     for root in (file, file / "deeper"):
         with pytest.raises(InputError, match="out: is a file"):
             refuse_misplaced(jobs_for(pictures, Outputs(root)))
+
+
+def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
+    outputs = Outputs(tmp_path, preview=True)
+    fits = "é" * 121  # 242 bytes, and .preview.png
+    refuse_misplaced(jobs_for([Picture(fits, tmp_path / "a", tmp_path / "z")], outputs))
+    with written_whole(tmp_path / f"{fits}.preview.png") as file:
+        file.write(b"whole")
+    with pytest.raises(InputError, match="has a name of 256 bytes, more than 255; give"):
+        refuse_misplaced(jobs_for([Picture(fits + "é", tmp_path / "a", tmp_path / "z")], outputs))
+
+
+def test_names_of_wide_characters_can_be_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / f"{'𝄞' * 62}.exr"
+    with written_whole(path) as file:
+        file.write(b"whole")
+    assert path.read_bytes() == b"whole"

@@ -15,7 +15,7 @@ import fake_worker
 import pytest
 from jobs_files import chunks_of
 
-from defocus_cli.batch.execution import Chunk
+from defocus_cli.batch.plan import Chunk
 from defocus_cli.batch.pool import STRIKES, Pool
 from defocus_cli.jobs.job import Lens
 from defocus_cli.system.errors import InputError
@@ -92,6 +92,18 @@ def test_processes_end_with_their_coordinator(tmp_path: Path) -> None:
         time.sleep(0.01)
 
 
+def test_ctrl_c_is_kept_from_the_first_process_too(tmp_path: Path) -> None:
+    """Python starts a process of its own before the first, and then lets SIGINT through."""
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import fake_worker\n"
+        "from defocus_cli.batch.pool import _Worker\n"
+        "print(_Worker(fake_worker.serve_mask, []).connection.recv())"
+    )
+    words = [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")]
+    ran = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
+    assert ran.stdout == "True\n"
+
+
 def test_nothing_new_is_begun_when_stopped(tmp_path: Path) -> None:
     names = [f"slow{i}" for i in range(50)]
     taken: list[Chunk] = []
@@ -102,12 +114,12 @@ def test_nothing_new_is_begun_when_stopped(tmp_path: Path) -> None:
             yield chunk
 
     results = results_of(chunks(), stopped=lambda done: len(done) >= 4)
-    assert 4 <= len(results) <= 4 + 2 * 3
-    assert len(taken) < 7
+    assert 4 <= len(results) <= 8 * len(taken)
+    assert len(taken) <= 4
 
 
 def test_what_processes_have_read_ahead_is_let_go_when_stopped(tmp_path: Path) -> None:
-    """Of the three that a process has, it ends the one that it is at when it is told."""
+    """Of the jobs that a process has, it ends the one that it is at when it is told."""
     results = results_of(
         chunks_of(tmp_path, *"abcdef"),
         processes=1,

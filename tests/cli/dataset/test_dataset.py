@@ -9,7 +9,7 @@ from typing import Any
 from command_line import header, read_exr
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, pictures
 
-from defocus_cli.batch import local_process, run
+from defocus_cli.batch import pipeline, run
 from defocus_cli.dataset import sample_index, tar_shards
 from defocus_cli.dataset.finished import samples
 from defocus_cli.jobs.job import Lens
@@ -23,8 +23,8 @@ DRAFT = '[machine]\nquality = "draft"\n'
 
 def carried_out(folder: Path, text: str) -> tuple[run.Summary, list[Record]]:
     todo, out = jobs(folder, text + DRAFT, inputs=INPUTS), folder / "out"
-    how = run.How(local_process.execute)
-    summary = run.carry_out(todo, out, how, batch_report.Told(each=False))
+    execution = run.Execution(pipeline.execute)
+    summary = run.carry_out(todo, out, execution, batch_report.BatchReport(each=False))
     return summary, Ledger(out, read_all(out)).live
 
 

@@ -43,11 +43,10 @@ def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("colors", "depths", "words"),
     [
-        (["1.png", "2.png"], ["1.exr"], r"stem of 2\.png"),
-        (["1.png"], ["1.exr", "3.exr"], r"stem of 3\.exr"),
-        (["1.png"], ["2.exr"], r"stem of 1\.png and .* stem of 2\.exr"),
-        (["1.png", "1.jpg"], ["1.exr"], "same stem"),
-        (["1.png"], ["1.exr", "1.npy"], "same stem"),
+        (["1.png", "2.png"], ["1.exr"], r"d: holds nothing named '2' like .*2\.png; name"),
+        (["1.png"], ["1.exr", "3.exr", "4.exr"], r"c: .* '3' like .*3\.exr, nor like 1 more"),
+        (["1.png", "1.jpg"], ["1.exr"], r"names both .*1\.jpg and .*1\.png '1', so"),
+        (["1.png"], ["1.exr", "1.npy"], r"names both .*1\.exr and"),
         ([], ["1.exr"], "no file of a known type"),
     ],
 )

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
-from defocus_cli.jobs.random_lenses import Draw
+from defocus_cli.jobs.job import Draw, Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.journal import identity
 from defocus_cli.journal.plain_values import plain, typed
 from defocus_core.renderer_version import RENDERER_VERSION

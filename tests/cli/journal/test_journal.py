@@ -132,6 +132,13 @@ def test_a_broken_line_elsewhere_is_named_by_its_number(path: Path) -> None:
         read(path)
 
 
+def test_a_line_that_was_broken_in_two_is_no_record(path: Path) -> None:
+    write(path, record("a"), record("b"))
+    path.write_bytes(path.read_bytes().replace(b'"recipe": "r"', b'"recipe": "\n"', 1))
+    with pytest.raises(InputError, match="line 1 is broken"):
+        read(path)
+
+
 def test_a_broken_line_is_named_by_its_sample_where_that_can_be_read(path: Path) -> None:
     write(path, record('ü "1"'), record("b"))
     first, last = path.read_bytes().splitlines()

@@ -71,7 +71,9 @@ def test_json_that_is_no_record_is_refused_even_as_the_last_line(
     line: object, tmp_path: Path
 ) -> None:
     path = journal_of(tmp_path, record(tmp_path, "a"), line)
-    with pytest.raises(InputError, match=r"line 2 (is no record of a job|has no sample_id); rem"):
+    with pytest.raises(
+        InputError, match=r"line 2 (is broken|is no record of a job|has no sample_id)"
+    ):
         read(path)
 
 
@@ -143,30 +145,28 @@ def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(
         failed_jobs(Ledger(tmp_path, [odd]), ())
 
 
-PLAN = {"jobs": 3, "left": 3, "again": 0, "begun": "2026-01-01T00:00:00+00:00"}
+PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]], "unknown": ["coc/b.exr"]}
 
 
 @pytest.mark.parametrize(
-    ("lines", "message"),
+    "plan",
     [
-        ([{"left": 3}], "line 1 has no begun"),
-        ([{**PLAN, "left": "3"}], "line 1 has the left '3', which is of a wrong type"),
-        ([{**PLAN, "begun": ""}], "line 1 begun at '', which is no time with a zone"),
-        ([[]], "line 1 is broken"),
-        ([PLAN, {"files": [1]}], "line 2 has files that are no text"),
-        ([PLAN, {}], "line 2 has no files"),
-        ([PLAN, 5, {"files": []}], "line 2 is broken"),
+        "",
+        "[]",
+        json.dumps({"begun": PLAN["begun"]}),
+        json.dumps({**PLAN, "begun": ""}),
+        json.dumps({**PLAN, "begun": 5}),
+        json.dumps({**PLAN, "jobs": ["coc/a.exr"]}),
+        json.dumps({**PLAN, "unknown": [1]}),
+        json.dumps({**PLAN, "more": 1}),
     ],
 )
-def test_a_broken_file_of_a_run_is_named_by_its_line(
-    lines: list[object], message: str, tmp_path: Path
-) -> None:
-    run_file.run_path(tmp_path).write_text("".join(json.dumps(line) + "\n" for line in lines))
-    with pytest.raises(InputError, match=rf"\.journal\.run: {message}; remove the file"):
-        run_file.begun(tmp_path)
+def test_a_broken_plan_of_a_run_is_refused(plan: str, tmp_path: Path) -> None:
+    run_file.run_path(tmp_path).write_text(plan)
+    with pytest.raises(InputError, match=r"\.journal\.run: is no plan of a run; remove the file"):
+        run_file.planned_files(tmp_path)
 
 
-def test_a_torn_last_line_of_the_file_of_a_run_is_left_out(tmp_path: Path) -> None:
-    text = json.dumps(PLAN) + "\n" + '{"files": ["coc/a.exr"]}\n{"files": ["coc'
-    run_file.run_path(tmp_path).write_text(text)
-    assert run_file.begun(tmp_path) == {"coc/a.exr"}
+def test_a_run_owns_the_files_of_its_jobs_and_what_earlier_runs_left(tmp_path: Path) -> None:
+    run_file.run_path(tmp_path).write_text(json.dumps(PLAN))
+    assert run_file.planned_files(tmp_path) == {"coc/a.exr", "coc/b.exr"}

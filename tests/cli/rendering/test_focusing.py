@@ -13,9 +13,8 @@ import pytest
 from command_line import color_exr, depth_exr, header, ramp, refused, run
 
 from defocus_cli.formats.depth import Depth
-from defocus_cli.jobs.job import Lens
-from defocus_cli.jobs.lens_file import lens_of
-from defocus_cli.jobs.random_lenses import Draw
+from defocus_cli.jobs.job import Draw, Lens
+from defocus_cli.jobs.random_lenses import drawn_lens
 from defocus_cli.rendering.focusing import focused, radius_map, signed_radius
 from defocus_cli.system.arrays import IN_MEMORY
 from defocus_cli.system.errors import InputError, Rejected
@@ -81,8 +80,7 @@ def test_sky_counts_for_the_maximum() -> None:
 
 def drawn(index: int, fnumber: str, max_coc: float) -> Lens:
     options = (("focal-length", "50mm"), ("fnumber", fnumber), ("focus", "2m"), ("blades", "6"))
-    draw = Draw(7, "a", index, options)
-    return replace(lens_of(draw.values()), max_coc=max_coc, draw=draw)
+    return drawn_lens(Draw(7, "a", index, options), "", max_coc)
 
 
 def test_a_lens_that_does_not_suit_the_picture_is_drawn_again_within_its_range() -> None:

@@ -285,16 +285,15 @@ def test_tile_sets_the_grid(tmp_path: Path) -> None:
     assert not again["done_before"], "other tiles make other last digits"
 
 
-def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[tuple[Any, Any]]:
-    """A device on which only tiles of some size fit; what is tried on it."""
-    tried: list[tuple[Any, Any]] = []
+def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[int | None]:
+    """A device that holds some regions at once; how many are tried on it."""
+    tried: list[int | None] = []
     true_regions = stream.Stream.regions
 
     def regions(self: stream.Stream, at_once: int | None = None, progress: Any = None) -> Any:
-        side = self.frame.grid.side
-        tried.append((side, at_once))
+        tried.append(at_once)
         parts = true_regions(self, at_once, progress)
-        if side > fits:
+        if at_once is None or at_once > fits:
             yield next(parts)
             raise torch.OutOfMemoryError
         yield from parts
@@ -303,19 +302,18 @@ def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[tuple[Any,
     return tried
 
 
-def test_where_a_gpu_runs_out_of_memory_tiles_get_smaller(
+def test_where_a_gpu_runs_out_of_memory_regions_come_one_by_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    args = (*pair(tmp_path), "--json")
-    render(*args, "-o", tmp_path / "a", "--tile", "48")
-    tried = out_of_memory(monkeypatch, fits=48)
-    (done,) = render(*args, "-o", tmp_path / "b").json["pictures"]
-    assert tried == [(192, 2), (192, 1), (96, 1), (48, 1)]
-    assert "tiles of 48 px" in done["warnings"][0]
+    args = (*pair(tmp_path), "--threads", "2")
+    render(*args, "-o", tmp_path / "a")
+    tried = out_of_memory(monkeypatch, fits=1)
+    assert render(*args, "-o", tmp_path / "b").code == 0
+    assert tried == [2, 1]
     assert files(tmp_path / "a") == files(tmp_path / "b")
 
 
-def test_where_no_tile_fits_a_gpu_the_picture_is_refused(
+def test_where_no_region_fits_a_gpu_the_picture_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out_of_memory(monkeypatch, fits=0)

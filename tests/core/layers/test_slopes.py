@@ -99,9 +99,7 @@ def test_a_plane_has_one_slope_where_it_is_alone() -> None:
     lean[:, 40:, 64:] = 0.4
     blocks = torch.zeros(2, 4, 6, dtype=torch.bool)
     blocks[0, :2], blocks[1, 2:, 4:], blocks[1, 0, 0] = True, True, True
-    places = torch.zeros(64, 96, dtype=torch.float64)
-    places[32:] = 1.0
-    planes = Planes(lean, places, blocks)
+    planes = Planes(lean, blocks)
     first, second = planes.slopes([0, 1], Box(-8, -8, 80, 120))
     assert first == pytest.approx((0.2, -0.3))
     assert second is None
@@ -109,25 +107,6 @@ def test_a_plane_has_one_slope_where_it_is_alone() -> None:
     assert alone == pytest.approx((0.4, 0.4))
     assert planes.slopes([1], Box(200, 0, 16, 16)) == [None]
     assert planes.slopes([], Box(0, 0, 16, 16)) == []
-
-
-def test_a_floor_behind_wires_is_one_plane() -> None:
-    """In blocks of several slopes slices are asked for their own pixels."""
-    lean, places = torch.zeros(2, 64, 96, dtype=torch.float64), torch.zeros(64, 96).double()
-    lean[1], places[:] = 0.25, 3.5
-    lean[:, :, 20:24], places[:, 20:24] = 0.0, 1.0
-    blocks = torch.zeros(5, 4, 6, dtype=torch.bool)
-    blocks[3:5], blocks[1, :, 1] = True, True
-    everywhere = Box(0, 0, 64, 96)
-    assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [(0.0, 0.25)] * 2
-    level = torch.zeros_like(blocks)
-    level[4, 2, 1] = True  # a part of a wire's pixel, that has no slope
-    with_parts = Planes(lean, places, blocks, level=level)
-    assert with_parts.slopes([3, 4], everywhere) == [(0.0, 0.25), None]
-    lean[1, 5, 30] = 0.3  # beside a wire: of both of its slices
-    assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [None, None]
-    places[5, 30] = 4.0
-    assert Planes(lean, places, blocks).slopes([3, 4], everywhere) == [(0.0, 0.25), None]
 
 
 def test_enough_of_the_square_around_is_counted_to_the_pixel() -> None:
