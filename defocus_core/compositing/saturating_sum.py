@@ -159,18 +159,21 @@ def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: boo
     return image if signed else image.clamp_(min=0)
 
 
-def count_negative(halves: Tensor, brightest: float) -> int:
-    """Number of pixels where the left or the right image is negative, which `pair_of` makes 0.
+def count_negative(halves: Tensor, brightest: float) -> dict[str, int]:
+    """Count the pixels whose left or right image is negative, which `pair_of` makes 0.
 
     A half of the aperture overshoots where detail is as fine as a pixel. What is smaller than a
-    thousandth of the brightest is not counted.
+    thousandth of the brightest is not counted, and on a GPU nothing is: each tile would have to
+    wait for its count.
 
     Args:
         halves: [2, C, h, w], left and right as composited.
         brightest: Light of the brightest pixel that is not a highlight.
     """
+    if not halves.is_cpu:
+        return {}
     least = halves.detach().amin(dim=(0, 1))
-    return int((least < -_NEGLIGIBLE * brightest).sum())
+    return {"pixels_clamped": int((least < -_NEGLIGIBLE * brightest).sum())}
 
 
 def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:

@@ -101,7 +101,7 @@ class Enlarging:
         inner = box.seen_from(self._px(wide))
         if not content.signed:
             if len(images) > 1:
-                counts["pixels_clamped"] = count_negative(inner.of(images[1:]), content.limit)
+                counts |= count_negative(inner.of(images[1:]), content.limit)
             images = images.clamp(min=0)
         if len(images) > 1:
             pair = pair_of(*images, signed=content.signed)

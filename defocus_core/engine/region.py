@@ -178,7 +178,7 @@ class Region:
         right = picture(both[cut:], weights[groups[-1]][cut:])
         if not signed:
             of_both = torch.stack([left, right])
-            counts["pixels_clamped"] = count_negative(of_both, frame.content.limit)
+            counts |= count_negative(of_both, frame.content.limit)
         return Views([centre, *pair_of(centre, left, right, signed=signed)], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
