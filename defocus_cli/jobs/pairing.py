@@ -1,6 +1,7 @@
 """Pictures found in files, directories and patterns: colour, depth and hidden files of one name.
 
-The name of a file is its stem in a directory, and what the wildcards stand for in a pattern. A lone
+The name of a file in a directory is its stem. In a pattern it is what the wildcards stand for, with
+the text before them if that is the same in all patterns: ``s*/rgb.exr`` names s1, and not 1. A lone
 file pairs with any other lone file, whatever their stems.
 """
 
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from defocus_cli.jobs.job import Picture
-from defocus_cli.jobs.wildcards import has_wildcard, matching
+from defocus_cli.jobs.wildcards import has_wildcard, matching, texts_before
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import missing
 
@@ -47,25 +48,28 @@ def find_pictures(
     Raises:
         InputError: a path is missing or of the wrong sort, or files do not pair up.
     """
-    colors, pictures = _paired(color, depth, patterns_in)
+    paths = [path for path in (color, depth, *(hidden or ())) if path is not None]
+    with_text = all(texts_before(path) == texts_before(color) for path in paths)
+    colors, pictures = _paired(color, depth, patterns_in, with_text)
     if hidden is None:
         return list(pictures.values())
-    hidden_colors, behind = _paired(*hidden, patterns_in)
+    hidden_colors, behind = _paired(*hidden, patterns_in, with_text)
     _refuse_unpaired(colors, hidden_colors)
     return [replace(picture, hidden=behind[name]) for name, picture in pictures.items()]
 
 
 def _paired(
-    color: Path, depth: Path | None, root: Path | None
+    color: Path, depth: Path | None, root: Path | None, with_text: bool
 ) -> tuple[_Files, dict[str, Picture]]:
     """The files of a colour path, and the picture of each name."""
     if depth is None:
-        colors = depths = _files(color, SCENE_SUFFIXES, root)
+        colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
         if colors.kind == "file" and color.suffix.lower() not in SCENE_SUFFIXES:
             problem = "has no depth, which only EXR holds beside colour"
             raise InputError(colors.path, problem, "give the depth file as a second argument")
     else:
-        colors, depths = _files(color, COLOR_SUFFIXES, root), _files(depth, DEPTH_SUFFIXES, root)
+        colors = _files(color, COLOR_SUFFIXES, root, with_text)
+        depths = _files(depth, DEPTH_SUFFIXES, root, with_text)
         _refuse_unpaired(colors, depths)
         _refuse_unpaired(depths, colors)
     return colors, {
@@ -74,9 +78,9 @@ def _paired(
     }
 
 
-def _files(path: Path, suffixes: frozenset[str], root: Path | None) -> _Files:
+def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: bool) -> _Files:
     if root is not None and has_wildcard(path):
-        kind, named, path = "pattern", matching(root, path), root / path
+        kind, named, path = "pattern", matching(root, path, with_text=with_text), root / path
     else:
         path = path if root is None else root / path
         if not path.is_dir():
