@@ -54,14 +54,14 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     records = []
     for file in files:  # each is reported before the next is read
         try:
-            inspection = inspect(file, reading, lens, lone=len(files) == 1)
+            record = inspect(file, reading, lens, lone=len(files) == 1)
         except UserError as error:
             if failed:
                 failed.show()
             failed = error
             continue
-        records.append(inspection_report.record(inspection))
-        for line in () if as_json else inspection_report.lines(inspection):
+        records.append(record)
+        for line in () if as_json else inspection_report.lines(record):
             console.tell(line)
     if as_json and records:
         console.print_json(files=records)

@@ -85,11 +85,8 @@ def describe(path: Path) -> FileInfo:
     known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
-        PartInfo(
-            *(page.page, "", tuple((name, page.type) for name in page.channels)),
-            *(page.deep, page.whole),
-        )
-        for page in pages
+        PartInfo(p.page, "", tuple((name, p.type) for name in p.channels), p.deep, p.whole)
+        for p in pages
     )
     first = next((page for page in pages if page.whole), pages[0])
     at_once = any(page.at_once for page in pages)

@@ -21,6 +21,7 @@ _LINES = (
     ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
     ("layer_pixels_done", "layer_pixels", "pixels of layers, within the rectangles they lie in"),
     ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
+    ("pixels_clamped", "pixels", "pixels of left or right below 0, made 0"),
     ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
     ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
 )
