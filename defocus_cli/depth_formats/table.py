@@ -4,7 +4,8 @@ Nothing is read off the range of the values. A file without a named format follo
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
 have no custom, so that their unit must be said (``--depth-unit``).
 
-A new format is a new row; the other modules read this table.
+A new format is a row of `renderers`, `depth_datasets`, `stereo_datasets` or `networks`, and a line
+of ``help/depth.md``, which the test of that topic prints; the other modules read this table.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Files of pictures: EXR, raster, float maps, depth conventions, kinds of output."""
+"""Files of pictures: EXR, raster, float maps, bare arrays, colour, kinds of output."""
