@@ -25,7 +25,7 @@ class Piece(NamedTuple):
         number: Number of the layer.
         window: Window of its slices.
         rungs: The range of the surface's rungs whose slices reach the tile.
-        patch: The rectangles where the layer lies and shows.
+        patch: The rectangles where the layer has pixels, and where it shows.
         near: Whether the layer is near focus, so that parts see sub-pixel shifts.
     """
 
@@ -153,13 +153,12 @@ class Blur:
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
             blurred = self._blurred(sliced, piece, index) if piece.window.margin else None
-            seen = piece.patch.seen
-            box = seen.seen_from(tile)
+            box = piece.patch.shown.seen_from(tile)
             layers = blurred or self._sharp(sliced, piece)
             moved = None
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
-                share = sliced.surface.shares(piece.rungs, seen)
+                share = sliced.surface.shares(piece.rungs, piece.patch.shown)
                 share = torch.minimum(share, layers[-1][:, -1:].clamp(min=0))
                 moved = box.of(shifts) * share
             for of_group, layer in zip(shown, layers, strict=True):
@@ -187,11 +186,11 @@ class Blur:
             pairs = torch.fft.rfft2(lean * pixels[:, leaning])
             for i, pair in zip(leaning, pairs.unbind(2), strict=True):
                 terms += zip(pair, window.leaning(rungs[i] * sliced.stride, size), strict=True)
-        wanted = piece.patch.seen.seen_from(box)
+        wanted = piece.patch.shown.seen_from(box)
         return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
 
     def _sharp(self, sliced: Sliced, piece: Piece) -> list[Tensor]:
         """A layer whose slices are not blurred, for each group of parts."""
-        box = piece.patch.seen
+        box = piece.patch.shown
         pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
         return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]

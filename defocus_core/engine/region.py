@@ -163,7 +163,7 @@ class Region:
         """One of its tiles."""
         frame, box = self._frame, self._tiles[index]
         fronts, needed = self._fronts(index)
-        whole, *halves = self._lit(fronts.seen, index)
+        whole, *halves = self._lit(fronts.by_group, index)
         trust = self._trust(whole[:, -1], fronts.invented, box)
         counts, signed = self._counts(index, needed), frame.content.signed
         _, parts, weights, groups = frame.division
@@ -267,7 +267,7 @@ class Region:
             "slice_tiles_reduced": sum(halvings > 0 for _, halvings in done),
             "slice_tiles_culled": len(visible) + len(hidden) - len(done),
             "layer_pixels": area * len(pieces),
-            "layer_pixels_done": sum(piece.patch.seen.area for piece in pieces),
+            "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
             "tiles_culled": int(len(needed) < len(reaching)),
             "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
         }
