@@ -125,10 +125,10 @@ class Blur:
                 continue
             near = float(window.radii.abs().amin()) < NEAR
             for tile_list, plan, patch in zip(pieces, surface.plan, patches[number], strict=True):
-                of_layer = [rung for rung in plan if numbers[rung] == number]
-                if of_layer and patch:
+                reaching = [rung for rung in plan if numbers[rung] == number]
+                if reaching and patch:
                     tile_list.append(
-                        Piece(number, window, range(of_layer[0], of_layer[-1] + 1), patch, near)
+                        Piece(number, window, range(reaching[0], reaching[-1] + 1), patch, near)
                     )
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
@@ -147,8 +147,8 @@ class Blur:
         for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
             if number in sliced.reduced and (reduced := sliced.reduced[number].over(tile)):
                 box = reduced[0].seen_from(tile)
-                for of_group, layer in zip(shown, reduced[1], strict=True):
-                    of_group[number] = Shown(box, layer, None)
+                for by_layer, layer in zip(shown, reduced[1], strict=True):
+                    by_layer[number] = Shown(box, layer, None)
         near = any(piece.near for piece in sliced.pieces[index])
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
@@ -161,8 +161,8 @@ class Blur:
                 share = sliced.surface.shares(piece.rungs, piece.patch.shown)
                 share = torch.minimum(share, layers[-1][:, -1:].clamp(min=0))
                 moved = box.of(shifts) * share
-            for of_group, layer in zip(shown, layers, strict=True):
-                of_group[piece.number] = Shown(box, layer, moved if of_group is shown[-1] else None)
+            for by_layer, layer in zip(shown, layers, strict=True):
+                by_layer[piece.number] = Shown(box, layer, moved if by_layer is shown[-1] else None)
         return shown
 
     def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:

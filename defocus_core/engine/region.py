@@ -25,7 +25,7 @@ from defocus_core.images.tiling import Grid
 from defocus_core.images.views import Views
 from defocus_core.inpainting.frame_pyramid import Backdrop
 from defocus_core.inpainting.hidden_layers import hidden_layer
-from defocus_core.inpainting.known_layer import Behind, told_apart
+from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, unmixed, whole
 from defocus_core.layers.sliced_surface import Samples
@@ -53,11 +53,11 @@ class Region:
         behind: Behind | None,
         beyond: Backdrop | None,
     ) -> None:
-        """Find the surfaces of a region.
+        """Find the surfaces of a region, and prepare their blur.
 
         Args:
-            frame: The frame that it is a part of.
-            grid: Its tiles.
+            frame: The frame that the region is a part of.
+            grid: The tiles of the region.
             pixels: [C, H, W] of the frame, in any precision.
             signed_radius: [H, W] px of the frame.
             behind: The known layer behind the visible surface of the frame.
@@ -151,7 +151,7 @@ class Region:
         surfaces = [(invented, False)]
         if behind is not None:
             known = behind.within(inner, inside.of(signed_radius), frame.dtype)
-            known, invented = told_apart(known, invented, axes(frame.size, inner.top, inner.left))
+            known, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
             surfaces = [(known, True), (invented, False)]
         return [
             Filling(frame, self._grid, inner, surface, known=is_known)
@@ -160,7 +160,7 @@ class Region:
         ]
 
     def tile(self, index: int) -> Views:
-        """One of its tiles."""
+        """The views of one tile of the region."""
         frame, box = self._frame, self._tiles[index]
         fronts, needed = self._fronts(index)
         whole, *halves = self._lit(fronts.by_group, index)
@@ -177,8 +177,8 @@ class Region:
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
         if not signed:
-            of_both = torch.stack([left, right])
-            counts |= count_negative(of_both, frame.content.limit)
+            pair = torch.stack([left, right])
+            counts |= count_negative(pair, frame.content.limit)
         return Views([centre, *pair_of(centre, left, right, signed=signed)], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
@@ -199,8 +199,8 @@ class Region:
         if len(values) == 1:
             return values[0]
         _, _, weights, groups = self._frame.division
-        of_parts = values.new_tensor(weights[groups[0]])[:, None, None]
-        return (values * of_parts).sum(0) / of_parts.sum()
+        shares = values.new_tensor(weights[groups[0]])[:, None, None]
+        return (values * shares).sum(0) / shares.sum()
 
     def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
@@ -228,7 +228,7 @@ class Region:
 
     def _is_inside(self, box: Box) -> bool:
         """Whether no light from beyond the frame reaches a rectangle."""
-        if self._frame.size == (1, 1):  # in which it spreads no farther, but is lost
+        if self._frame.size == (1, 1):  # without a reach in the frame, but light leaves it
             return False
         return box == box.grown(0, self._frame.box.shrunk(self._frame.farthest))
 
@@ -241,7 +241,7 @@ class Region:
         return [box.of(share) for share in self._in_frame]
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
-        """What was computed for a tile, out of what a renderer that skips nothing would.
+        """Counts of the work done for a tile, and of the work of a renderer that skips nothing.
 
         Args:
             index: Number of the tile.

@@ -22,7 +22,7 @@ from defocus_core.runtime.checkpointing import recomputed, unrecorded
 from defocus_core.runtime.threads import threaded
 
 # Counts that are 0 for copied tiles.
-_OF_COMPUTED = (
+_COMPUTED = (
     *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
     *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
 )
@@ -79,13 +79,13 @@ def rendered_regions(
         views = joined(rows)
         return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
-    def handed_over() -> Iterator[Views]:
+    def in_order() -> Iterator[Views]:
         parts = threaded(recomputed(computed), grids, at_once)
         for grid, part in zip(grids, parts, strict=True):
             report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
             yield part
 
-    return handed_over()
+    return in_order()
 
 
 def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
@@ -100,8 +100,8 @@ def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None)
             where.of(whole).copy_(computed)
         area, tiles = area - part.box.area, tiles - counts["tiles"]
     slice_tiles = 2 * len(frame.slices.radii) * tiles
-    of_copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
-    return Views(images, trust, added([counts, of_copies]), grid.box)
+    copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
+    return Views(images, trust, added([counts, copies]), grid.box)
 
 
 def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
@@ -122,8 +122,8 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
     trust = pixels.new_empty(1, *pixels.shape[-2:])
     counts: list[dict[str, int]] = []
     for part in parts:
-        for image, of_part in zip(images, part.images, strict=True):
-            part.box.of(image).copy_(of_part)
+        for image, part_image in zip(images, part.images, strict=True):
+            part.box.of(image).copy_(part_image)
         part.box.of(trust).copy_(part.trust)
         counts.append(part.stats)
     return Views(images, trust, total(frame, counts), Box(0, 0, *pixels.shape[-2:]))
@@ -131,7 +131,7 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
 
 def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
-    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_OF_COMPUTED, 0), *counts])}
+    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
 
 
 def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
