@@ -40,8 +40,8 @@ def places(
         halvings: Number of times resolution is halved.
     """
     return [
-        place_of(at[:, d], here, there, halvings)
-        for d, (here, there) in enumerate(zip(fine, coarse, strict=True))
+        place_of(at[:, d], fine_axis, coarse_axis, halvings)
+        for d, (fine_axis, coarse_axis) in enumerate(zip(fine, coarse, strict=True))
     ]
 
 

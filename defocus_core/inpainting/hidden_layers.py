@@ -95,10 +95,10 @@ def hidden_layer(
     at = torch.stack([row + cells.top, index - row * cells.width + cells.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
     asked = Asked(at, front + (source - front) * _BETWEEN, ceiling)
-    values, tensor, weight = _from_the_frame(
+    values, tensor, weight = _from_frame(
         beyond, asked._replace(at=view.pixels(at) + at.new_tensor(box[:2]))
     )
-    values, weight = _with_what_is_next(values, weight, half, view, asked)
+    values, weight = _with_adjacent_surface(values, weight, half, view, asked)
     surface = (values / torch.where(weight > 0, weight, 1.0)).T
     lines = torch.nonzero(source - shown <= _LINES)[:, 0]
     if len(lines):
@@ -115,7 +115,7 @@ def hidden_layer(
     return HiddenLayer(color, radius, radius.detach() > near + STEP)
 
 
-def _from_the_frame(beyond: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Tensor]:
+def _from_frame(beyond: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
     Args:
@@ -135,7 +135,7 @@ def _from_the_frame(beyond: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Ten
     return values, tensor, weight
 
 
-def _with_what_is_next(
+def _with_adjacent_surface(
     values: Tensor, weight: Tensor, half: Level, view: View, asked: Asked
 ) -> tuple[Tensor, Tensor]:
     """Values and weights, but first those of the surface next to each cell, at half resolution."""

@@ -93,9 +93,9 @@ def patches(
             patch_of(_in_px(held, whole), tile.sides, margin)
             if all(first < end for first, end in held)
             else None
-            for tile, held in zip(tiles, zip(*of_tiles, strict=True), strict=True)
+            for tile, held in zip(tiles, zip(*layer_extents, strict=True), strict=True)
         ]
-        for margin, of_tiles in zip(margins, zip(*extents, strict=True), strict=True)
+        for margin, layer_extents in zip(margins, zip(*extents, strict=True), strict=True)
     ]
 
 
