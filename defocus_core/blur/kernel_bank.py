@@ -21,7 +21,7 @@ _PLANES = 4
 
 
 class Spread(NamedTuple):
-    """How a slice is blurred.
+    """The blur of a slice: its resolution and its reach.
 
     Attributes:
         halvings: How many times resolution is halved.

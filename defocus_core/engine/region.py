@@ -51,7 +51,7 @@ class Region:
         pixels: Pixels,
         signed_radius: Pixels,
         behind: Behind | None,
-        beyond: Backdrop | None,
+        backdrop: Backdrop | None,
     ) -> None:
         """Find the surfaces of a region, and prepare their blur.
 
@@ -61,7 +61,7 @@ class Region:
             pixels: [C, H, W] of the frame, in any precision.
             signed_radius: [H, W] px of the frame.
             behind: The known layer behind the visible surface of the frame.
-            beyond: The frame at low resolution; None if nothing in it is hidden.
+            backdrop: The frame at low resolution; None if nothing in it is hidden.
         """
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
         core, content, slices = grid.box, frame.content, frame.slices
@@ -86,8 +86,8 @@ class Region:
         places = position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         self._hidden: list[Filling] = []
-        if beyond is not None:
-            self._hidden = self._fillings(own.color, signed_radius, behind, beyond, outer)
+        if backdrop is not None:
+            self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
         self._highlights: Tensor | None = None
         if highlights and places is not None:
             aperture, parts, *_ = frame.division
@@ -139,13 +139,13 @@ class Region:
         color: Tensor,
         signed_radius: Tensor,
         behind: Behind | None,
-        beyond: Backdrop,
+        backdrop: Backdrop,
         outer: Box,
     ) -> list[Filling]:
         """The hidden surfaces that have pixels; nothing is invented where a surface is known."""
         frame, inner, inside = self._frame, self._inner, self._inside
         halvings = frame.slices.invented.halvings
-        invented = hidden_layer(color, signed_radius, beyond, outer, inside, halvings=halvings)
+        invented = hidden_layer(color, signed_radius, backdrop, outer, inside, halvings=halvings)
         if invented is None:
             return []
         surfaces = [(invented, False)]

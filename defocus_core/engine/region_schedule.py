@@ -16,7 +16,7 @@ from defocus_core.images.box import Box
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid, regions
 from defocus_core.images.views import Views, added, joined
-from defocus_core.inpainting.frame_pyramid import backdrop
+from defocus_core.inpainting.frame_pyramid import backdrop_of
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.checkpointing import recomputed, unrecorded
 from defocus_core.runtime.threads import threaded
@@ -48,9 +48,11 @@ def rendered_regions(
         progress: As for `render`.
     """
     threads, content = frame.settings.threads, frame.content
-    beyond = None
+    backdrop = None
     if content.edges:
-        beyond = backdrop(pixels, signed_radius, content.limit, frame.dtype, threads, content.ends)
+        backdrop = backdrop_of(
+            pixels, signed_radius, content.limit, frame.dtype, threads, content.ends
+        )
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
@@ -70,7 +72,7 @@ def rendered_regions(
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
         with unrecorded():
-            region = Region(frame, part, pixels, signed_radius, hidden, beyond)
+            region = Region(frame, part, pixels, signed_radius, hidden, backdrop)
             each = range(len(part.tiles))
             for tile in threaded(recomputed(region.tile), each, threads // at_once):
                 tiles.append(tile)

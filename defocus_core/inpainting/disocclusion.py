@@ -154,7 +154,7 @@ def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis,
 
 
 def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
-    """How far edges [h, w] from `edges_in_cells` reach, whose radii differ by `span` px at most.
+    """The reach of edges [h, w] from `edges_in_cells`, whose radii differ by `span` px at most.
 
     The edges are overwritten.
     """

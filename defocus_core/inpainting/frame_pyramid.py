@@ -51,7 +51,7 @@ class Backdrop(NamedTuple):
     fine: tuple[Axis, Axis]
 
 
-def backdrop(
+def backdrop_of(
     pixels: Pixels,
     signed_radius: Pixels,
     limit: float = math.inf,
