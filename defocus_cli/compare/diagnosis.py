@@ -1,0 +1,74 @@
+"""What happened to B: explanations tried in turn, and the one that leaves least is the finding."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.compare import geometry, sharpness, tone
+from defocus_cli.compare.evidence import Evidence, best
+from defocus_cli.compare.finding import Finding
+from defocus_cli.compare.picture import in_linear_light, read_picture
+from defocus_cli.system.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from defocus_cli.compare.metrics import Pixels
+    from defocus_cli.compare.picture import Picture
+
+_MAPS_OF_COC = ("coc", "disparity")
+
+
+def diagnose(pixels: Pixels, types: Mapping[str, str], file_a: Path | None) -> list[Finding]:
+    """The cause of the differences of a pair that has some, or none where evidence is lacking.
+
+    Args:
+        pixels: the pair.
+        types: number types of the channels of B.
+        file_a: the file of A, beside which the other of the left and right view may be.
+    """
+    evidence = Evidence(pixels, types)
+    views = _other_view(pixels, file_a)
+    chosen = best([*tone.explanations(evidence), *geometry.explanations(evidence, views)])
+    if chosen is None:
+        return _of_maps(evidence) if not pixels.color else list(sharpness.findings(evidence))
+    finding = chosen.finding
+    return [
+        Finding(finding.name, finding.text, finding.values, round(max(0.0, 1 - chosen.left), 4))
+    ]
+
+
+def _of_maps(evidence: Evidence) -> list[Finding]:
+    """Maps of the circle of confusion that differ, with their ranges."""
+    findings = []
+    for name, a, b in zip(evidence.names, evidence.a, evidence.b, strict=True):
+        if name in _MAPS_OF_COC:
+            old, new = ([float(side.min()), float(side.max())] for side in (a, b))
+            ranges = (f"{least:.2f} to {most:.2f} px" for least, most in (new, old))
+            text = f"another CoC: {name} {' instead of '.join(ranges)}"
+            findings.append(Finding("another CoC", text, {"a": old, "b": new}))
+    return findings
+
+
+def of_another_size(a: Picture, b: Picture) -> Iterator[Finding]:
+    """How a picture of another size comes from A, if that is seen."""
+    sizes = [(side.height, side.width) for side in (a, b)]
+    planes = [
+        {name: plane for name, plane in side.planes.items() if plane.shape == size}
+        for side, size in zip((a, b), sizes, strict=True)
+    ]
+    yield from geometry.resized(*planes)
+
+
+def _other_view(pixels: Pixels, file_a: Path | None) -> dict[str, Any] | None:
+    """Channels of the file of A that holds the other of the left and right view, if there is one."""
+    partner = None if file_a is None else geometry.view_partner(file_a)
+    if partner is None:
+        return None
+    try:
+        picture = read_picture(partner)
+    except InputError:  # it is judged as a pair of its own
+        return None
+    linear = pixels.gamma == 1.0
+    return dict((in_linear_light(picture) if linear else picture).planes)

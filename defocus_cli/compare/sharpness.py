@@ -1,0 +1,119 @@
+"""Explanations that no single formula makes: another CoC, and noise.
+
+Blurred less or more: the difference B − A goes along with the detail of A, that is A minus its mean
+over a window, with a positive or a negative sign. It does so at each place of its own, since depth
+varies; noise goes along with nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from defocus_cli.compare.evidence import Evidence, compressed
+from defocus_cli.compare.finding import Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+_FRAME = 1024  # px of the middle of a picture that are looked at
+_REACHES = (1, 2, 4, 8)  # px of the windows
+_BLOCK = 32  # px
+_ALIKE = 0.35  # least correlation of the difference with detail
+_OF_BLOCKS = 0.5  # least share of the difference in blocks that show it
+_ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
+_UNLIKE_NEIGHBOURS = 0.25  # greatest correlation of noise with itself one pixel on
+_WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
+
+
+def findings(evidence: Evidence) -> Iterator[Finding]:
+    """Another CoC, or noise, or neither."""
+    import numpy as np
+
+    a, b = (_middle(planes) for planes in (evidence.a, evidence.b))
+    difference = b - a
+    energy = float(np.square(difference).sum())
+    if not energy:
+        return
+    neighbours = max(_alike(difference[1:], difference[:-1]), _alike(difference[:, 1:], difference[:, :-1]))
+    root = math.sqrt(energy / difference.size)
+    details = [a - _mean(a, reach) for reach in _REACHES]
+    against = max((_alike(difference, detail) for detail in details), key=abs)
+    if abs(neighbours) < _UNLIKE_NEIGHBOURS and abs(against) < _ALIKE:
+        if abs(float(difference.mean())) < _WITHOUT_MEAN * root:
+            yield Finding("noise", f"noise of about {root:.2g}", {"rms": root})
+        return
+    more, less = _blocks(a, b)
+    if more + less < _OF_BLOCKS:
+        return
+    share = more / (more + less)
+    values = {"blurred_more": round(more, 3), "blurred_less": round(less, 3)}
+    text = "blurred more in places, less in others"
+    if share > _ONE_WAY:
+        text = "blurred more"
+    elif share < 1 - _ONE_WAY:
+        text = "blurred less"
+    yield Finding("another CoC", f"another CoC: {text}", values)
+
+
+def _blocks(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[float, float]:
+    """Shares of the squared difference in blocks that are blurred more, and less."""
+    import numpy as np
+
+    difference = b - a
+    energy = _block_sums(difference * difference)
+    strongest = np.zeros_like(energy)
+    for reach in _REACHES:
+        # Detail of both: what only A has is gone in B, what only B has was not there in A.
+        for side in (a, b):
+            detail = side - _mean(side, reach)
+            scale = np.sqrt(energy * _block_sums(detail * detail))
+            alike = _block_sums(difference * detail) / np.where(scale > 0, scale, 1.0)
+            strongest = np.where(np.abs(alike) > np.abs(strongest), alike, strongest)
+    total = float(energy.sum())
+    more = float(energy[strongest < -_ALIKE].sum()) / total
+    return more, float(energy[strongest > _ALIKE].sum()) / total
+
+
+def _middle(planes: NDArray[np.float32]) -> NDArray[np.float64]:
+    height, width = planes.shape[1:]
+    high, wide = min(height, _FRAME), min(width, _FRAME)
+    top, left = (height - high) // 2, (width - wide) // 2
+    middle: NDArray[np.float64] = compressed(
+        planes[:, top : top + high, left : left + wide].mean(axis=0, dtype="f8")
+    )
+    return middle
+
+
+def _alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """Correlation of two arrays, 0 if one is constant."""
+    import numpy as np
+
+    x, y = x - x.mean(), y - y.mean()
+    scale = math.sqrt(float(np.vdot(x, x)) * float(np.vdot(y, y)))
+    return float(np.vdot(x, y)) / scale if scale else 0.0
+
+
+def _mean(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """The mean over a window of 2 reach + 1 px, smaller at the border."""
+    import numpy as np
+
+    for _ in range(2):  # down, then across
+        length = len(values)
+        sums = np.zeros((length + 1, values.shape[1]))
+        np.cumsum(values, axis=0, out=sums[1:])
+        first = np.maximum(np.arange(length) - reach, 0)
+        end = np.minimum(np.arange(length) + reach + 1, length)
+        values = ((sums[end] - sums[first]) / (end - first)[:, None]).T
+    return values
+
+
+def _block_sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    import numpy as np
+
+    height, width = values.shape
+    rows = np.add.reduceat(values, np.arange(0, height, _BLOCK), axis=0)
+    return np.add.reduceat(rows, np.arange(0, width, _BLOCK), axis=1)
