@@ -134,9 +134,12 @@ def compare_pair(pair: Pair, rules: Rules, settings: Settings) -> tuple[Comparis
     blank = Comparison(pair.name, pair.a, pair.b)
     if pair.a is None or pair.b is None:
         return replace(blank, status=MISSING if pair.b is None else EXTRA), None
+    import numpy as np
+
     try:
         a, b = read_picture(pair.a), read_picture(pair.b)
-        return _compared(blank, a, b, rules, settings)
+        with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
+            return _compared(blank, a, b, rules, settings)
     except InputError as error:
         return replace(blank, status=UNREADABLE, error=error.format_message()), None
 

@@ -29,8 +29,10 @@ def diagnose(pixels: Pixels, types: Mapping[str, str], file_a: Path | None) -> l
         file_a: the file of A, beside which the other of the left and right view may be.
     """
     evidence = Evidence(pixels, types)
-    views = _other_view(pixels, file_a)
-    chosen = best([*tone.explanations(evidence), *geometry.explanations(evidence, views)])
+    chosen = best([*tone.explanations(evidence)])
+    if chosen is None or chosen.left > 0:
+        explanations = geometry.explanations(evidence, _other_view(pixels, file_a))
+        chosen = best([*filter(None, [chosen]), *explanations])
     if chosen is None:
         return _of_maps(evidence) if not pixels.color else list(sharpness.findings(evidence))
     finding = chosen.finding

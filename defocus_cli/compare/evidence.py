@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from defocus_cli.compare.metrics import Pixels
 
 _SAMPLES = 60_000
+_LARGEST = 65504.0  # value that is looked at, as of half: an index beyond it has no tone
 # Largest share of a difference that an explanation may leave.
 LEFT = 0.1
-# Steps of number types, as a share of the largest value for half and as a value for integers.
-_STEPS = {"uint8": 0.6 / 255, "uint16": 0.6 / 65535}
+# RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
+_STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
 _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
 
 
@@ -64,7 +65,7 @@ class Evidence:
     def _filled(self, plane: NDArray[Any]) -> NDArray[np.float32]:
         import numpy as np
 
-        values = np.asarray(plane, np.float32)
+        values = np.clip(plane, -_LARGEST, _LARGEST).astype(np.float32)
         if self.pixels.finite is not None:
             values = np.where(self.pixels.finite, values, np.float32(0.0))
         return values
@@ -112,14 +113,12 @@ class Evidence:
         self,
         predicted: NDArray[np.float32],
         where: NDArray[np.bool_] | None = None,
-        aim: NDArray[np.float32] | None = None,
     ) -> float:
         """Share of the difference that is left if B were as predicted.
 
         Args:
             predicted: [C, N] at the sampled pixels.
-            where: samples [N] at which there is a prediction; None for all.
-            aim: B [C, N] if not `sampled`.
+            where: samples [N] or [C, N] at which there is a prediction; None for all.
 
         Returns:
             0 if all is explained up to the step of the number type, 1 or more if nothing.
@@ -127,17 +126,17 @@ class Evidence:
         import numpy as np
 
         a, b = self.sampled
-        b = b if aim is None else aim
         if where is not None:
             if np.count_nonzero(where) < max(16, where.size // 4):
                 return math.inf
-            predicted, a, b = predicted[:, where], a[:, where], b[:, where]
+            where = np.broadcast_to(where, a.shape)
+            predicted, a, b = predicted[where], a[where], b[where]
         aim = compressed(b)
         whole = _rms(compressed(a) - aim)
         rest = _rms(compressed(predicted) - aim)
         if rest == 0.0:
             return 0.0
-        if whole < 3 * self.step:  # rounding alone would explain much of it
+        if whole < 2.5 * self.step:  # rounding alone would explain much of it
             return math.inf
         return max(rest - self.step, 0.0) / whole
 

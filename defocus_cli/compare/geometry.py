@@ -217,15 +217,12 @@ def _moved(values: NDArray[np.float64], dx: float, dy: float) -> NDArray[np.floa
 
 def resized(
     a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]
-) -> Iterator[tuple[Finding, bool]]:
+) -> Iterator[Finding]:
     """How a picture of another size comes from A: as a crop of it, or turned by 90°.
 
     Args:
         a: channels [H, W] by name.
         b: channels [h, w] by name, all of one size.
-
-    Yields:
-        The finding, and whether it replaces the one of another size.
     """
     import numpy as np
 
@@ -237,7 +234,7 @@ def resized(
         turned = {"to the left": np.rot90(old, 1, (1, 2)), "to the right": np.rot90(old, -1, (1, 2))}
         for side, planes in turned.items():
             if np.array_equal(planes, new):
-                yield Finding("rotated", f"rotated by 90° {side}"), False
+                yield Finding("rotated", f"rotated by 90° {side}")
     large, small = (old, new) if old.shape[1] >= new.shape[1] else (new, old)
     (height, width), (high, wide) = large.shape[1:], small.shape[1:]
     if (high, wide) == (height, width) or high > height or wide > width:
@@ -248,7 +245,7 @@ def resized(
             text = f"a crop: {wide}x{high} at {x},{y} of {whole}"
             if large is new:
                 text = f"A is a crop of B: {wide}x{high} at {x},{y} of {whole}"
-            yield Finding("crop", text, {"window": [x, y, wide, high]}), False
+            yield Finding("crop", text, {"window": [x, y, wide, high]})
             return
 
 

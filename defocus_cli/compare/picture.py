@@ -7,6 +7,7 @@ unless two files store differently: then `in_linear_light` makes them comparable
 from __future__ import annotations
 
 import struct
+import zlib
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,7 @@ _KNOWN = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
 # Codecs of OpenEXR by the number in the header.
 _CODECS = ("none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB", "HTJ2K")
 _LINE_ORDERS = ("increasing", "decreasing", "random")
+_PNG = b"\x89PNG\r\n\x1a\n"
 _MULTIPART = 0x1000
 # Attributes that are numbers, by their type in the header.
 _NUMBERS = {
@@ -80,6 +82,8 @@ def read_picture(path: Path) -> Picture:
     head = read_head(path)
     if is_exr(head):
         return _from_exr(path)
+    if head.startswith(_PNG):
+        _refuse_damaged_png(path)
     if is_float_map(head):
         float_map = read_float_map(path, integers=True)
         values = float_map.values
@@ -87,6 +91,25 @@ def read_picture(path: Path) -> Picture:
         layout = {"format": float_map.format}
         return Picture(path, width, height, {"Z": values}, {"Z": kind}, layout=layout)
     return _from_raster(path, read_pages(path, wanted=_KNOWN))
+
+
+def _refuse_damaged_png(path: Path) -> None:
+    """Refuse a PNG whose chunks are not whole: decoders skip a damaged one that holds no pixels.
+
+    Raises:
+        InputError: a checksum is wrong, or the file does not end with its last chunk.
+    """
+    data = memoryview(path.read_bytes())
+    at, kind = len(_PNG), b""
+    while at < len(data) and kind != b"IEND":
+        size, kind = int.from_bytes(data[at : at + 4], "big"), bytes(data[at + 4 : at + 8])
+        end = at + 8 + size
+        if int.from_bytes(data[end : end + 4], "big") != zlib.crc32(data[at + 4 : end]):
+            problem = f"is truncated or damaged (the checksum of its chunk {kind!r} is wrong)"
+            raise InputError(path, problem, "write or copy it again")
+        at = end + 4
+    if kind != b"IEND" or at != len(data):
+        raise InputError(path, "is damaged (it does not end as PNG does)", "write or copy it again")
 
 
 def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
@@ -183,11 +206,10 @@ def _exr_layout(path: Path, headers: Sequence[Header]) -> dict[str, str]:
         for header in headers:
             raw = read_attributes(file)
             of = f" of part {header.label}" if len(headers) > 1 else ""
-            codec, order = raw["compression"].value[:1], raw["lineOrder"].value[:1]
-            layout[f"compression{of}"] = _word(_CODECS, codec)
-            layout[f"order of lines{of}"] = _word(_LINE_ORDERS, order)
+            layout[f"compression{of}"] = _word(_CODECS, raw.get("compression"))
+            layout[f"order of lines{of}"] = _word(_LINE_ORDERS, raw.get("lineOrder"))
             tiles = raw.get("tiles")
-            sides = struct.unpack_from("<2I", tiles.value) if tiles else None
+            sides = struct.unpack("<2I", tiles.value[:8]) if tiles else None
             layout[f"tiles{of}"] = f"{sides[0]}x{sides[1]}" if sides else "none"
             layout[f"data window{of}"] = str(header.data)
             layout[f"display window{of}"] = str(header.display)
@@ -196,8 +218,11 @@ def _exr_layout(path: Path, headers: Sequence[Header]) -> dict[str, str]:
     return layout
 
 
-def _word(words: Sequence[str], number: bytes) -> str:
-    place = number[0] if number else len(words)
+def _word(words: Sequence[str], number: Raw | None) -> str:
+    """The word that an attribute of one byte stands for."""
+    if number is None or len(number.value) != 1:
+        return "unknown"
+    place = number.value[0]
     return words[place] if place < len(words) else f"number {place}"
 
 

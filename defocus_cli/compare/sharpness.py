@@ -23,6 +23,8 @@ _FRAME = 1024  # px of the middle of a picture that are looked at
 _REACHES = (1, 2, 4, 8)  # px of the windows
 _BLOCK = 32  # px
 _ALIKE = 0.35  # least correlation of the difference with detail
+_LEAST_CHANGED = 0.02  # share of pixels that differ, below which a change is local
+_IN_COMMON = 0.5  # least correlation of the detail of A with that of B
 _OF_BLOCKS = 0.5  # least share of the difference in blocks that show it
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _UNLIKE_NEIGHBOURS = 0.25  # greatest correlation of noise with itself one pixel on
@@ -36,7 +38,7 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     a, b = (_middle(planes) for planes in (evidence.a, evidence.b))
     difference = b - a
     energy = float(np.square(difference).sum())
-    if not energy:
+    if np.count_nonzero(difference) < _LEAST_CHANGED * difference.size:
         return
     neighbours = max(_alike(difference[1:], difference[:-1]), _alike(difference[:, 1:], difference[:, :-1]))
     root = math.sqrt(energy / difference.size)
@@ -60,22 +62,32 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _blocks(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[float, float]:
-    """Shares of the squared difference in blocks that are blurred more, and less."""
+    """Shares of the squared difference in blocks that are blurred more, and less.
+
+    In such a block, the difference goes along with detail that A and B have in common.
+    """
     import numpy as np
 
     difference = b - a
     energy = _block_sums(difference * difference)
     strongest = np.zeros_like(energy)
     for reach in _REACHES:
-        # Detail of both: what only A has is gone in B, what only B has was not there in A.
-        for side in (a, b):
-            detail = side - _mean(side, reach)
-            scale = np.sqrt(energy * _block_sums(detail * detail))
-            alike = _block_sums(difference * detail) / np.where(scale > 0, scale, 1.0)
+        details = [side - _mean(side, reach) for side in (a, b)]
+        old, new = (_block_sums(detail * detail) for detail in details)
+        common = _ratio(_block_sums(details[0] * details[1]), old * new) > _IN_COMMON
+        for detail, own in zip(details, (old, new), strict=True):
+            alike = common * _ratio(_block_sums(difference * detail), energy * own)
             strongest = np.where(np.abs(alike) > np.abs(strongest), alike, strongest)
     total = float(energy.sum())
     more = float(energy[strongest < -_ALIKE].sum()) / total
     return more, float(energy[strongest > _ALIKE].sum()) / total
+
+
+def _ratio(products: NDArray[np.float64], squares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Correlations of blocks, 0 where a block is constant."""
+    import numpy as np
+
+    return products / np.sqrt(np.where(squares > 0, squares, np.inf))
 
 
 def _middle(planes: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -82,12 +82,13 @@ def _notes(a: Picture, b: Picture) -> list[str]:
         if name in b.types and b.types[name] != kind:
             types.setdefault((kind, b.types[name]), []).append(name)
     notes = [f"{_list(names)} {new} instead of {old}" for (old, new), names in types.items()]
-    layout = dict(a.layout), dict(b.layout)
-    if set(a.planes) != set(b.planes):  # said in words of its own
-        layout = tuple({k: v for k, v in d.items() if k != "channel order"} for d in layout)
     if a.layout.get("format") != b.layout.get("format"):
         return [*notes, f"{b.layout.get('format')} instead of {a.layout.get('format')}"]
-    return [*notes, *_differing(*layout)]
+    said = {"channel order"} if set(a.planes) != set(b.planes) else set()
+    if (a.width, a.height) != (b.width, b.height):
+        said |= {key for key in a.layout if "window" in key}
+    layouts = ({k: v for k, v in each.layout.items() if k not in said} for each in (a, b))
+    return [*notes, *_differing(*layouts)]
 
 
 def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:

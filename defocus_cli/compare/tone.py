@@ -173,10 +173,10 @@ def _another_exposure(
     gamma = evidence.gamma
     linear, aim = (_light(values, gamma) for values in (a, b))
     usable = (np.abs(linear) > 1e-3) & (np.abs(aim) > 1e-4)
-    unclipped = np.ones(a.shape[1], bool)
+    unclipped = np.ones(a.shape, bool)
     if gamma != 1.0:
         usable &= (a < _BRIGHTEST) & (b < _BRIGHTEST)
-        unclipped = ((a < _BRIGHTEST) & (b < _BRIGHTEST)).all(axis=0)
+        unclipped = (a < _BRIGHTEST) & (b < _BRIGHTEST)
     ratios = [
         float(np.median(aim[c][usable[c]] / linear[c][usable[c]])) if usable[c].any() else 1.0
         for c in range(len(a))
@@ -218,12 +218,34 @@ def _another_gamma(
     finding = Finding("another gamma", f"another gamma: to the power {power:.4g}", {"power": power})
     left = evidence.left(_power(a, power, 1.0))
     yield Explanation(finding, left)
+    if evidence.gamma == 1.0:
+        yield from _another_display_gamma(evidence, a, b)
     if left > LEFT and float(np.ptp(x)) > 0.1:
         power, offset = (float(value) for value in np.polyfit(x, y, 1))
         factor = float(np.exp(offset))
         text = f"another gamma and exposure: to the power {power:.4g}, x {factor:.4g}"
         both = Finding("another gamma", text, {"power": power, "factor": factor})
         yield Explanation(both, evidence.left(_power(a, power, factor)))
+
+
+def _another_display_gamma(
+    evidence: Evidence, a: NDArray[np.float32], b: NDArray[np.float32]
+) -> Iterator[Explanation]:
+    """The sRGB-encoded values of B are a power of those of A, which may have been clipped at 1."""
+    import numpy as np
+
+    clipped = float(evidence.b.max()) <= 1.0 + 1e-3 < float(evidence.a.max())
+    old, new = (linear_to_srgb(np.minimum(side, 1.0) if clipped else side) for side in (a, b))
+    usable = (old > 0.1) & (new > 0.1) & (np.abs(np.log(np.where(old > 0.1, old, 1.0))) > 0.02)
+    if np.count_nonzero(usable) < 16:
+        return
+    power = float(np.median(np.log(new[usable]) / np.log(old[usable])))
+    text = f"another gamma: to the power {power:.4g}, sRGB-encoded"
+    if clipped:
+        text = f"clipped at 1 and {text}"
+    values = {"power": power, "clipped": clipped}
+    predicted = _decoded(_power(old, power, 1.0)).astype(np.float32)
+    yield Explanation(Finding("another gamma", text, values), evidence.left(predicted))
 
 
 def _power(values: NDArray[np.float32], power: float, factor: float) -> NDArray[np.float32]:

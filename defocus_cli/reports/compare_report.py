@@ -23,6 +23,7 @@ from defocus_cli.system.console import counted
 _DIGITS = {"psnr": 4, "ssim": 5}
 _SHOWN = ("max", "rmse", "psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
 _WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
+_LOCAL = 0.25  # share of a picture
 _TITLES = {"psnr": "PSNR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
 
 
@@ -37,6 +38,7 @@ def line(record: Comparison) -> str:
         return f"{record.name}: {word}: {record.error}"
     parts = [finding.text for finding in record.findings]
     if record.differing:
+        parts += [_place(record)] if _is_local(record) else []
         parts += [_numbers(record.metrics)] if record.metrics else []
         parts += [_worst(record.worst)] if record.worst is not None else []
     if record.failed:
@@ -141,6 +143,20 @@ def _numbers(metrics: Mapping[str, float]) -> str:
             value = f"{metrics[name]:.{_DIGITS.get(name.rpartition('-')[2], 3)}g}"
             words.append(f"{title} {value} {METRICS[name].unit}".rstrip())
     return ", ".join(words)
+
+
+def _is_local(record: Comparison) -> bool:
+    """Whether the pixels that differ lie in a small part of the picture."""
+    if record.window is None or record.size is None:
+        return False
+    _, _, width, height = record.window
+    return width * height < _LOCAL * record.size[0] * record.size[1]
+
+
+def _place(record: Comparison) -> str:
+    assert record.window is not None
+    x, y, width, height = record.window
+    return f"{counted(record.differing, 'pixel')} within {width}x{height} at {x},{y}"
 
 
 def _worst(worst: Worst) -> str:
