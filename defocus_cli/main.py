@@ -28,7 +28,18 @@ from defocus_cli.system.errors import (
 )
 from defocus_cli.system.interrupts import Terminated, terminations
 
-COMMANDS = ("render", "batch", "status", "retry", "merge", "info", "compare", "bench", "verify", "help")
+COMMANDS = (
+    "render",
+    "batch",
+    "status",
+    "retry",
+    "merge",
+    "info",
+    "compare",
+    "bench",
+    "verify",
+    "help",
+)
 
 
 class LazyGroup(click.Group):

@@ -47,9 +47,7 @@ def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple
     return exr, png
 
 
-def amplified(
-    pixels: Pixels, apart: NDArray[np.bool_] | None
-) -> tuple[float, NDArray[np.uint8]]:
+def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
     """The power of 2 that makes the difference visible, and the picture of it [H, W, 3]."""
     import numpy as np
 

@@ -66,9 +66,7 @@ class Evidence:
         import numpy as np
 
         values = np.clip(plane, -_LARGEST, _LARGEST).astype(np.float32)
-        if self.pixels.finite is not None:
-            values = np.where(self.pixels.finite, values, np.float32(0.0))
-        return values
+        return values if self.pixels.finite is None else np.nan_to_num(values)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -81,9 +79,7 @@ class Evidence:
         import numpy as np
 
         finite = self.pixels.finite
-        every = (
-            np.arange(self.pixels.greatest.size) if finite is None else np.flatnonzero(finite)
-        )
+        every = np.arange(self.pixels.greatest.size) if finite is None else np.flatnonzero(finite)
         if every.size > _SAMPLES:
             differing = np.flatnonzero(self.pixels.greatest)
             generator = np.random.default_rng(0)

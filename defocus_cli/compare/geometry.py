@@ -215,9 +215,7 @@ def _moved(values: NDArray[np.float64], dx: float, dy: float) -> NDArray[np.floa
     return values
 
 
-def resized(
-    a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]
-) -> Iterator[Finding]:
+def resized(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> Iterator[Finding]:
     """How a picture of another size comes from A: as a crop of it, or turned by 90°.
 
     Args:
@@ -231,7 +229,10 @@ def resized(
         return
     old, new = (np.stack([np.nan_to_num(side[name]) for name in names]) for side in (a, b))
     if old.shape[1:] == new.shape[:0:-1]:
-        turned = {"to the left": np.rot90(old, 1, (1, 2)), "to the right": np.rot90(old, -1, (1, 2))}
+        turned = {
+            "to the left": np.rot90(old, 1, (1, 2)),
+            "to the right": np.rot90(old, -1, (1, 2)),
+        }
         for side, planes in turned.items():
             if np.array_equal(planes, new):
                 yield Finding("rotated", f"rotated by 90° {side}")

@@ -47,7 +47,9 @@ _ROWS = (
     Metric("rmse", "root of the mean squared difference"),
     Metric("rel-rmse", "RMSE over the mean absolute value of A"),
     Metric("psnr", "of sRGB-encoded colour, 99 if equal", "dB", "high", color=True),
-    Metric("ssim", "structural similarity of sRGB-encoded luma, 1 if equal", "", "high", color=True),
+    Metric(
+        "ssim", "structural similarity of sRGB-encoded luma, 1 if equal", "", "high", color=True
+    ),
     Metric("p99.9", "99.9th percentile of the greatest differences of the pixels"),
     Metric("share", "share of pixels with a difference of more than --over"),
     Metric("flip", "mean of FLIP, with --flip", "", color=True),
@@ -287,7 +289,7 @@ def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The gaussian mean of each window of 11 x 11 px within an array [h, w]."""
     import numpy as np
 
-    weights = np.exp(-np.arange(_REACH + 1) ** 2 / (2 * _SIGMA * _SIGMA))
+    weights = np.exp(-(np.arange(_REACH + 1) ** 2) / (2 * _SIGMA * _SIGMA))
     weights /= weights[0] + 2 * weights[1:].sum()
     for _ in range(2):  # down, then across
         last = len(values) - _REACH

@@ -45,11 +45,11 @@ class Nonfinite:
 
     def notes(self) -> list[str]:
         """What both sides have, in words."""
-        both = {kind: min(self.counts[side][kind] for side in ("a", "b")) for kind in ("nan", "inf")}
+        both = {
+            kind: min(self.counts[side][kind] for side in ("a", "b")) for kind in ("nan", "inf")
+        }
         words = {"nan": "NaN", "inf": "Inf"}
-        return [
-            f"{words[kind]} in {counted(n, 'pixel')} of both" for kind, n in both.items() if n
-        ]
+        return [f"{words[kind]} in {counted(n, 'pixel')} of both" for kind, n in both.items() if n]
 
 
 def count_nonfinite(pixels: Pixels, corner: tuple[int, int] = (0, 0)) -> Nonfinite:

@@ -67,5 +67,3 @@ def compare_all(pairs: Sequence[Pair], task: Task, processes: int) -> Iterator[C
 def _begin() -> None:
     """Leave Ctrl-C to the process that started this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-

@@ -59,7 +59,9 @@ def region(text: str) -> Region:
     """
     match = _REGION.fullmatch(text)
     if match is None:
-        raise QuantityError(f"'{text}' is no region", "write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64")
+        raise QuantityError(
+            f"'{text}' is no region", "write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64"
+        )
     found = Region(*(int(number) for number in match.groups()))
     if found.width < 1 or found.height < 1:
         raise QuantityError(f"'{text}' holds no pixel", "write X,Y,WIDTH,HEIGHT in px")

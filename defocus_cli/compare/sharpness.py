@@ -40,7 +40,9 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     energy = float(np.square(difference).sum())
     if np.count_nonzero(difference) < _LEAST_CHANGED * difference.size:
         return
-    neighbours = max(_alike(difference[1:], difference[:-1]), _alike(difference[:, 1:], difference[:, :-1]))
+    neighbours = max(
+        _alike(difference[1:], difference[:-1]), _alike(difference[:, 1:], difference[:, :-1])
+    )
     root = math.sqrt(energy / difference.size)
     details = [a - _mean(a, reach) for reach in _REACHES]
     against = max((_alike(difference, detail) for detail in details), key=abs)

@@ -78,9 +78,10 @@ def _list(names: Sequence[str]) -> str:
 
 def _notes(a: Picture, b: Picture) -> list[str]:
     types: dict[tuple[str, str], list[str]] = {}
-    for name, kind in a.types.items():
-        if name in b.types and b.types[name] != kind:
-            types.setdefault((kind, b.types[name]), []).append(name)
+    for name in a.planes:
+        old, new = a.types[name], b.types.get(name)
+        if new is not None and new != old:
+            types.setdefault((old, new), []).append(name)
     notes = [f"{_list(names)} {new} instead of {old}" for (old, new), names in types.items()]
     if a.layout.get("format") != b.layout.get("format"):
         return [*notes, f"{b.layout.get('format')} instead of {a.layout.get('format')}"]

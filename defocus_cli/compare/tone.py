@@ -26,8 +26,8 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
     """All that might be, the simplest first."""
     yield from _empty(evidence)
     yield from _rounded(evidence)
-    yield from _clipped(evidence)
     yield from _quantised(evidence)
+    yield from _clipped(evidence)
     yield from _swapped_channels(evidence)
     yield from _scaled(evidence)
 
@@ -262,7 +262,9 @@ def _light(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float
 
     if gamma == 1.0:
         return values.astype(np.float64)
-    return _decoded(values) if gamma is None else np.maximum(values, 0.0).astype(np.float64) ** gamma
+    return (
+        _decoded(values) if gamma is None else np.maximum(values, 0.0).astype(np.float64) ** gamma
+    )
 
 
 def _stored(linear: NDArray[np.float64], gamma: float | None) -> NDArray[np.float32]:

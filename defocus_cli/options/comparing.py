@@ -104,7 +104,10 @@ def report_options(command: Command) -> Command:
             help="Write differences here: signed in NAME.diff.exr, amplified in NAME.diff.png.",
         ),
         option(
-            "--junit", type=FilePath(), metavar="FILE", help="Write JUnit XML, a case for each pair."
+            "--junit",
+            type=FilePath(),
+            metavar="FILE",
+            help="Write JUnit XML, a case for each pair.",
         ),
         machine_option(
             "--processes",

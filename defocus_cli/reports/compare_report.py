@@ -109,7 +109,9 @@ def pair_record(record: Comparison) -> dict[str, Any]:
         "differing_pixels": record.differing,
         "differing_window": record.window and list(record.window),
         "worst": record.worst and _worst_record(record.worst),
-        "nonfinite": None if nonfinite is None else {k: dict(v) for k, v in nonfinite.counts.items()},
+        "nonfinite": None
+        if nonfinite is None
+        else {k: dict(v) for k, v in nonfinite.counts.items()},
         "edge_share": record.edge_share,
         "failed": list(record.failed),
         "warned": list(record.warned),
@@ -173,5 +175,3 @@ def _worst_record(worst: Worst) -> dict[str, Any]:
         "a": {name: number(value) for name, value in worst.a.items()},
         "b": {name: number(value) for name, value in worst.b.items()},
     }
-
-
