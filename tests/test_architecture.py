@@ -23,7 +23,7 @@ CORE_ORDER = (
 )
 CLI_ORDER = (
     *("__main__", "main", "commands", "options", "bench", "reports", "batch", "dataset"),
-    *("journal", "rendering", "compare", "jobs", "formats", "system", "__init__"),
+    *("journal", "rendering", "compare", "diagnosis", "jobs", "formats", "system", "__init__"),
 )
 MOST_LINES, MOST_MODULES, MOST_TESTS = 300, 15, 40
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

@@ -12,15 +12,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.compare.diagnosis import diagnose, of_another_size
-from defocus_cli.compare.finding import Finding
 from defocus_cli.compare.flip import measure_flip
-from defocus_cli.compare.metrics import Pixels, equal_metrics, measure, measure_edges
+from defocus_cli.compare.metrics import equal_metrics, measure, measure_edges
 from defocus_cli.compare.nonfinite import Nonfinite, count_nonfinite
-from defocus_cli.compare.picture import Picture, in_linear_light, read_picture
 from defocus_cli.compare.selection import Region, near_edges, read_mask
 from defocus_cli.compare.structure import compare_structure
 from defocus_cli.compare.thresholds import Rules
+from defocus_cli.diagnosis.cause import diagnose, of_another_size
+from defocus_cli.diagnosis.finding import Finding
+from defocus_cli.diagnosis.pixels import Pixels
+from defocus_cli.formats.stored_picture import Picture, in_linear_light, read_picture
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
@@ -177,7 +178,9 @@ def _pixels(
     selected = None if settings.mask is None else read_mask(settings.mask, size)
     cut = (slice(None), slice(None)) if settings.region is None else settings.region.cut(size)
     pixels = Pixels(
-        *(tuple(names), *(tuple(side.planes[name][cut] for name in names) for side in (a, b))),
+        names=tuple(names),
+        a=tuple(a.planes[name][cut] for name in names),
+        b=tuple(b.planes[name][cut] for name in names),
         gamma=a.gamma,
         selected=None if selected is None else selected[cut],
     )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from defocus_cli.compare.comparison import Comparison
-    from defocus_cli.compare.metrics import Pixels
+    from defocus_cli.diagnosis.pixels import Pixels
 
 _GREY, _HALF = 128, 127  # levels of no difference, and of the greatest on either side
 _MAGENTA = (255, 0, 255)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_cli.compare.metrics import Pixels
+    from defocus_cli.diagnosis.pixels import Pixels
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _BLACK = 1e-6  # a luminance that is as good as 0
@@ -77,8 +77,9 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
         errors = oiio.ImageBufAlgo.FLIP_diff(_buffer(a), _buffer(b), hdr, most, middle)
         if errors.has_error:
             raise UsageProblem("--flip", f"failed: {errors.geterror()}", "leave it out")
-        values: NDArray[np.float32] = errors.get_pixels(oiio.FLOAT)
-    return values[:, :, 0]
+        values: Any = errors.get_pixels(oiio.FLOAT)
+    flip: NDArray[np.float32] = values[:, :, 0]
+    return flip
 
 
 def _buffer(pixels: NDArray[np.float32]) -> Any:

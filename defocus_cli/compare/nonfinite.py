@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.compare.finding import Finding
+from defocus_cli.diagnosis.finding import Finding
 from defocus_cli.system.console import counted
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_cli.compare.metrics import Pixels
+    from defocus_cli.diagnosis.pixels import Pixels
 
 
 @dataclass(frozen=True)

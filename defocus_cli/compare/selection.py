@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.compare.picture import read_picture
+from defocus_cli.formats.stored_picture import read_picture
 from defocus_cli.jobs.quantities import QuantityError
 from defocus_cli.system.errors import InputError, UsageProblem
 
@@ -44,7 +44,7 @@ class Region:
             UsageProblem: the region is not within the picture.
         """
         height, width = size
-        within = 0 <= self.x and 0 <= self.y
+        within = self.x >= 0 and self.y >= 0
         if not within or self.x + self.width > width or self.y + self.height > height:
             problem = f"{self} is not within a picture of {width}x{height}"
             raise UsageProblem("--region", problem, "write X,Y,WIDTH,HEIGHT within it")
@@ -83,7 +83,7 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.bool_]:
     planes = [plane for plane in mask.planes.values() if plane.shape == size]
     if any(np.isnan(plane).any() for plane in planes):
         raise InputError(path, "holds NaN", "save it with numbers: 0 where nothing is compared")
-    selected = np.logical_or.reduce([plane != 0 for plane in planes])
+    selected: NDArray[np.bool_] = np.logical_or.reduce([plane != 0 for plane in planes])
     if not selected.any():
         raise InputError(path, "is 0 everywhere", "make it 1 where pixels are to be compared")
     return selected

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from defocus_cli.compare.finding import Finding
+from defocus_cli.diagnosis.finding import Finding
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from defocus_cli.compare.picture import Picture
+    from defocus_cli.formats.stored_picture import Picture
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _notes(a: Picture, b: Picture) -> list[str]:
 def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
     """Each key whose values differ, in words."""
     lines = []
-    for key in sorted(a | b):
+    for key in sorted({*a, *b}):
         if a.get(key) != b.get(key):
             old, new = (_short(d[key]) if key in d else "nothing" for d in (a, b))
             lines.append(f"{key} {new} instead of {old}")

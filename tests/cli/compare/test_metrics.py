@@ -10,8 +10,9 @@ import pytest
 import torch
 from planted_faults import HEIGHT, WIDTH, scene
 
-from defocus_cli.compare.metrics import METRICS, Pixels, measure, measure_edges
+from defocus_cli.compare.metrics import METRICS, measure, measure_edges
 from defocus_cli.compare.selection import widened
+from defocus_cli.diagnosis.pixels import Pixels
 from defocus_core.evaluation import metrics as core
 
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_cli.compare.finding import Finding
-    from defocus_cli.compare.metrics import Pixels
+    from defocus_cli.diagnosis.finding import Finding
+    from defocus_cli.diagnosis.pixels import Pixels
 
 _SAMPLES = 60_000
 _LARGEST = 65504.0  # value that is looked at, as of half: an index beyond it has no tone
@@ -65,7 +65,7 @@ class Evidence:
     def _filled(self, plane: NDArray[Any]) -> NDArray[np.float32]:
         import numpy as np
 
-        values = np.clip(plane, -_LARGEST, _LARGEST).astype(np.float32)
+        values: NDArray[np.float32] = np.clip(plane, -_LARGEST, _LARGEST).astype(np.float32)
         return values if self.pixels.finite is None else np.nan_to_num(values)
 
     @property
@@ -149,7 +149,8 @@ def compressed(values: NDArray[Any]) -> NDArray[Any]:
     """Values on a scale that is linear near 0 and logarithmic for highlights."""
     import numpy as np
 
-    return np.arcsinh(values)
+    compressed_values: NDArray[Any] = np.arcsinh(values)
+    return compressed_values
 
 
 def best(explanations: Sequence[Explanation], most: float = LEFT) -> Explanation | None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.compare.evidence import LEFT, Evidence, Explanation
-from defocus_cli.compare.finding import Finding
-from defocus_cli.compare.picture import layers
+from defocus_cli.diagnosis.evidence import LEFT, Evidence, Explanation
+from defocus_cli.diagnosis.finding import Finding
 from defocus_cli.formats.srgb_curve import linear_to_srgb, srgb_to_linear
+from defocus_cli.formats.stored_picture import layers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -53,7 +53,7 @@ def _clipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with all values beyond a limit set to the limit."""
     import numpy as np
 
-    a, b = evidence.sampled
+    a, _ = evidence.sampled
     most, least = float(evidence.b.max()), float(evidence.b.min())
     if float(evidence.a.max()) > most:
         name = f"clipped at {most:.4g}"

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.compare import geometry, sharpness, tone
-from defocus_cli.compare.evidence import Evidence, best
-from defocus_cli.compare.finding import Finding
-from defocus_cli.compare.picture import in_linear_light, read_picture
+from defocus_cli.diagnosis import geometry, sharpness, tone
+from defocus_cli.diagnosis.evidence import Evidence, best
+from defocus_cli.diagnosis.finding import Finding
+from defocus_cli.formats.stored_picture import in_linear_light, read_picture
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from defocus_cli.compare.metrics import Pixels
-    from defocus_cli.compare.picture import Picture
+    from defocus_cli.diagnosis.pixels import Pixels
+    from defocus_cli.formats.stored_picture import Picture
 
 _MAPS_OF_COC = ("coc", "disparity")
 
@@ -64,7 +64,7 @@ def of_another_size(a: Picture, b: Picture) -> Iterator[Finding]:
 
 
 def _other_view(pixels: Pixels, file_a: Path | None) -> dict[str, Any] | None:
-    """Channels of the file of A that holds the other of the left and right view, if there is one."""
+    """Channels of the file that is the other of the left and right view of A, if there is one."""
     partner = None if file_a is None else geometry.view_partner(file_a)
     if partner is None:
         return None

@@ -7,8 +7,8 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.compare.evidence import Evidence, Explanation, compressed
-from defocus_cli.compare.finding import Finding
+from defocus_cli.diagnosis.evidence import Evidence, Explanation, compressed
+from defocus_cli.diagnosis.finding import Finding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -142,13 +142,13 @@ def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     a, b = ((side - side.mean()) * window for side in (a, b))
     spectrum = np.conj(np.fft.rfft2(a)) * np.fft.rfft2(b)
     magnitude = np.abs(spectrum) + 1e-12 * float(np.abs(spectrum).max(initial=0.0)) + 1e-300
-    offsets = list(product((-1, 0, 1), repeat=2))
+    offsets = [*product((-1, 0, 1), (-1, 0, 1))]
     for whitening in (1.0, 0.5):
         correlation = np.fft.irfft2(spectrum / magnitude**whitening, s=a.shape)
         flat = correlation.ravel()
         count = min(_PEAKS, flat.size)
         for place in np.argpartition(flat, -count)[-count:]:
-            dy, dx = (int(index) for index in np.unravel_index(place, a.shape))
+            dy, dx = divmod(int(place), width)
             offsets.append((dx - width * (dx > width // 2), dy - height * (dy > height // 2)))
     return list(dict.fromkeys(offsets))
 
@@ -173,19 +173,20 @@ def _shifted_by_parts(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanat
     if min(a.shape) < 2 * cut + 8:
         return
     inner = (slice(cut, -cut), slice(cut, -cut))
-    shift = np.zeros(2)
+    shift: NDArray[np.float64] = np.zeros(2)
     moved = a
     for _ in range(3):
-        slope_y, slope_x = (slope[inner].ravel() for slope in np.gradient(moved))
+        slopes: Any = np.gradient(moved)
+        slope_y, slope_x = (slope[inner].ravel() for slope in slopes)
         rest = (b - moved)[inner].ravel()
         square = [[slope_x @ slope_x, slope_x @ slope_y], [slope_x @ slope_y, slope_y @ slope_y]]
         try:
-            shift -= np.linalg.solve(square, [slope_x @ rest, slope_y @ rest])
+            shift = shift - np.linalg.solve(square, [slope_x @ rest, slope_y @ rest])
         except np.linalg.LinAlgError:
             return
         if not np.abs(shift).max() < 2:
             return
-        moved = _moved(a, *shift)
+        moved = _moved(a, float(shift[0]), float(shift[1]))
     if np.abs(shift).max() < _LARGEST_PART:
         return
     whole = float(np.square(b - _frame(evidence.a))[inner].mean())
@@ -210,8 +211,10 @@ def _moved(values: NDArray[np.float64], dx: float, dy: float) -> NDArray[np.floa
             (0.5 * t - 0.5) * t * t,
         )
         steps = (whole + 2, whole + 1, whole, whole - 1)
-        pieces = zip(steps, weights, strict=True)
-        values = sum(weight * np.roll(values, step, axis=axis) for step, weight in pieces)
+        moved = np.zeros_like(values)
+        for step, weight in zip(steps, weights, strict=True):
+            moved += weight * np.roll(values, step, axis=axis)
+        values = moved
     return values
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from defocus_cli.compare.evidence import Evidence, compressed
-from defocus_cli.compare.finding import Finding
+from defocus_cli.diagnosis.evidence import Evidence, compressed
+from defocus_cli.diagnosis.finding import Finding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _FRAME = 1024  # px of the middle of a picture that are looked at
+_RINGS, _COARSE = 24, 3  # of the spectrum, and how many of them are coarse detail
+_FILTER_LEFT = 0.3  # of the difference that a filter for all places may leave
 _REACHES = (1, 2, 4, 8)  # px of the windows
 _BLOCK = 32  # px
 _ALIKE = 0.35  # least correlation of the difference with detail
@@ -48,7 +50,14 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     against = max((_alike(difference, detail) for detail in details), key=abs)
     if abs(neighbours) < _UNLIKE_NEIGHBOURS and abs(against) < _ALIKE:
         if abs(float(difference.mean())) < _WITHOUT_MEAN * root:
-            yield Finding("noise", f"noise of about {root:.2g}", {"rms": root})
+            level = float(np.sqrt(np.square(evidence.b - evidence.a, dtype="f8").mean()))
+            yield Finding("noise", f"noise of about {level:.2g}", {"rms": level})
+        return
+    filtered = _filtered(a, b)
+    if filtered:
+        word = "more" if filtered < 1 else "less"
+        values = {"detail": round(filtered, 3)}
+        yield Finding("another CoC", f"another CoC: blurred {word}", values)
         return
     more, less = _blocks(a, b)
     if more + less < _OF_BLOCKS:
@@ -61,6 +70,31 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     elif share < 1 - _ONE_WAY:
         text = "blurred less"
     yield Finding("another CoC", f"another CoC: {text}", values)
+
+
+def _filtered(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Fine detail of B by that of A if B is A through one filter for all places, else 0.
+
+    The filter is the real part of the transfer function, in rings of the spectrum.
+    """
+    import numpy as np
+
+    height, width = a.shape
+    window = np.hanning(height + 2)[1:-1, None] * np.hanning(width + 2)[None, 1:-1]
+    old, new = (np.fft.rfft2((side - side.mean()) * window) for side in (a, b))
+    frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :])
+    ring = np.minimum(frequency / 0.5 * _RINGS, _RINGS - 1).astype(np.intp).ravel()
+    power = np.bincount(ring, (np.abs(old) ** 2).ravel(), _RINGS)
+    crossed = np.bincount(ring, (np.conj(old) * new).real.ravel(), _RINGS)
+    transfer = crossed / np.where(power > 0, power, np.inf)
+    # What is left is to be small beside B, too: a filter of 0 leaves any other picture.
+    whole = min(float(np.square(np.abs(side)).sum()) for side in (new - old, new))
+    rest = float(np.square(np.abs(new - transfer[ring].reshape(old.shape) * old)).sum())
+    coarse = float(crossed[:_COARSE].sum()), float(power[:_COARSE].sum())
+    fine = float(crossed[_COARSE:].sum()), float(power[_COARSE:].sum())
+    if not whole or rest > _FILTER_LEFT**2 * whole or min(*coarse, *fine) <= 0:
+        return 0.0
+    return (fine[0] / fine[1]) / (coarse[0] / coarse[1])
 
 
 def _blocks(a: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[float, float]:
