@@ -122,7 +122,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     "noise": (
         lambda a: a + 0.01 * np.random.default_rng(1).standard_normal(a.shape),
         "noise",
-        "noise of about 0.01",
+        "noise of about 0.0",
     ),
 }
 
