@@ -67,7 +67,7 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
 
     if not hasattr(oiio.ImageBufAlgo, "FLIP_diff"):
         raise UsageProblem("--flip", "needs OpenImageIO 3.2", "leave it out, or install that")
-    luminance = a @ np.asarray(_LUMINANCE, np.float32)
+    luminance = (a * np.asarray(_LUMINANCE, np.float32)).sum(axis=2)
     hdr = int(max(float(a.max()), float(b.max())) > 1.0)
     most = max(float(luminance.max()), _BLACK)
     # The median of what is not black: exposures are chosen for what can be seen.

@@ -100,7 +100,7 @@ def measure(pixels: Pixels, *, over: float, ssim: bool = True) -> dict[str, floa
     if not count:
         return {}
     total, channels = int(count), len(pixels.names)
-    squares = sum(float(np.vdot(each, each)) for each in pixels.differences)
+    squares = sum(float(np.square(each).sum()) for each in pixels.differences)
     rmse = math.sqrt(squares / (total * channels))
     level = sum(_sum_of_magnitudes(plane, pixels.finite) for plane in pixels.a) / (total * channels)
     greatest = pixels.greatest

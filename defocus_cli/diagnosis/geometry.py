@@ -179,9 +179,11 @@ def _shifted_by_parts(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanat
         slopes: Any = np.gradient(moved)
         slope_y, slope_x = (slope[inner].ravel() for slope in slopes)
         rest = (b - moved)[inner].ravel()
-        square = [[slope_x @ slope_x, slope_x @ slope_y], [slope_x @ slope_y, slope_y @ slope_y]]
+        crossed = float((slope_x * slope_y).sum())
+        square = [[float((slope_x**2).sum()), crossed], [crossed, float((slope_y**2).sum())]]
         try:
-            shift = shift - np.linalg.solve(square, [slope_x @ rest, slope_y @ rest])
+            aim = [float((slope_x * rest).sum()), float((slope_y * rest).sum())]
+            shift = shift - np.linalg.solve(square, aim)
         except np.linalg.LinAlgError:
             return
         if not np.abs(shift).max() < 2:

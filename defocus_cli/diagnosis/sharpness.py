@@ -24,7 +24,8 @@ _RINGS, _COARSE = 24, 3  # of the spectrum, and how many of them are coarse deta
 _FILTER_LEFT = 0.3  # of the difference that a filter for all places may leave
 _REACHES = (1, 2, 4, 8)  # px of the windows
 _BLOCK = 32  # px
-_ALIKE = 0.35  # least correlation of the difference with detail
+_UNLIKE = 0.35  # greatest correlation of noise with detail
+_ALIKE = 0.5  # least correlation of the difference with detail in a block that is blurred
 _LEAST_CHANGED = 0.02  # share of pixels that differ, below which a change is local
 _IN_COMMON = 0.5  # least correlation of the detail of A with that of B
 _OF_BLOCKS = 0.5  # least share of the difference in blocks that show it
@@ -48,7 +49,7 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     root = math.sqrt(energy / difference.size)
     details = [a - _mean(a, reach) for reach in _REACHES]
     against = max((_alike(difference, detail) for detail in details), key=abs)
-    if abs(neighbours) < _UNLIKE_NEIGHBOURS and abs(against) < _ALIKE:
+    if abs(neighbours) < _UNLIKE_NEIGHBOURS and abs(against) < _UNLIKE:
         if abs(float(difference.mean())) < _WITHOUT_MEAN * root:
             level = float(np.sqrt(np.square(evidence.b - evidence.a, dtype="f8").mean()))
             yield Finding("noise", f"noise of about {level:.2g}", {"rms": level})
@@ -141,8 +142,9 @@ def _alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     import numpy as np
 
     x, y = x - x.mean(), y - y.mean()
-    scale = math.sqrt(float(np.vdot(x, x)) * float(np.vdot(y, y)))
-    return float(np.vdot(x, y)) / scale if scale else 0.0
+    # Not np.vdot: its threads wait for each other where several processes compare.
+    scale = math.sqrt(float(np.square(x).sum()) * float(np.square(y).sum()))
+    return float((x * y).sum()) / scale if scale else 0.0
 
 
 def _mean(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:

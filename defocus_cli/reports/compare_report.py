@@ -23,6 +23,7 @@ from defocus_cli.system.console import counted
 _DIGITS = {"psnr": 4, "ssim": 5}
 _SHOWN = ("max", "rmse", "psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
 _WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
+_METADATA = 3  # attributes that a line has room for
 _LOCAL = 0.25  # share of a picture
 _TITLES = {"psnr": "PSNR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
 
@@ -48,7 +49,9 @@ def line(record: Comparison) -> str:
     if record.status == DIFFERENT and record.unmeasured:
         parts.append(f"has no {', '.join(record.unmeasured)}")
     if record.metadata:
-        parts.append(f"metadata: {'; '.join(record.metadata)}")
+        shown, more = record.metadata[:_METADATA], len(record.metadata) - _METADATA
+        and_more = f"; and {more} more" if more > 0 else ""
+        parts.append(f"metadata: {'; '.join(shown)}{and_more}")
     if record.notes:
         parts.append(f"noted: {'; '.join(record.notes)}")
     if record.proposal:
