@@ -22,7 +22,18 @@ CORE_ORDER = (
     *("runtime", "renderer_version"),
 )
 CLI_ORDER = (
-    *("__main__", "main", "commands", "options", "bench", "reports", "batch", "dataset"),
+    *(
+        "__main__",
+        "main",
+        "pytest_plugin",
+        "commands",
+        "options",
+        "bench",
+        "reports",
+        "golden",
+        "batch",
+        "dataset",
+    ),
     *("journal", "rendering", "compare", "diagnosis", "jobs", "formats", "system", "__init__"),
 )
 MOST_LINES, MOST_MODULES, MOST_TESTS = 300, 15, 40

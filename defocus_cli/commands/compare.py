@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.compare.comparison import Settings
 from defocus_cli.compare.metrics import METRICS
 from defocus_cli.compare.pairing import find_pairs
+from defocus_cli.compare.record import Settings
 from defocus_cli.compare.run import Task, compare_all
 from defocus_cli.compare.selection import Region
 from defocus_cli.compare.thresholds import Rule, read_thresholds

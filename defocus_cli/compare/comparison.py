@@ -8,17 +8,27 @@ channels, and NaN or infinity on one side only are never the same.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.compare.flip import measure_flip
 from defocus_cli.compare.metrics import equal_metrics, measure, measure_edges
-from defocus_cli.compare.nonfinite import Nonfinite, count_nonfinite
-from defocus_cli.compare.selection import Region, near_edges, read_mask
+from defocus_cli.compare.nonfinite import count_nonfinite
+from defocus_cli.compare.record import (
+    DIFFERENT,
+    EXTRA,
+    MISSING,
+    SAME,
+    UNREADABLE,
+    WARNING,
+    Comparison,
+    Settings,
+    Worst,
+)
+from defocus_cli.compare.selection import near_edges, read_mask
 from defocus_cli.compare.structure import compare_structure
 from defocus_cli.compare.thresholds import Rules
-from defocus_cli.diagnosis.cause import diagnose, of_another_size
+from defocus_cli.diagnosis.cause import declared_coc, diagnose, of_another_size
 from defocus_cli.diagnosis.finding import Finding
 from defocus_cli.diagnosis.pixels import Pixels
 from defocus_cli.formats.stored_picture import Picture, in_linear_light, read_picture
@@ -26,101 +36,9 @@ from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from defocus_cli.compare.pairing import Pair
-
-# Statuses of a pair, the worst last.
-SAME, WARNING, DIFFERENT, MISSING, EXTRA, UNREADABLE = STATUSES = (
-    *("same", "warning", "different", "missing", "extra", "unreadable"),
-)
-PASSING = (SAME, WARNING)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How pairs are compared.
-
-    Attributes:
-        region: the part that is compared; None for all.
-        mask: a file that is not 0 where pixels are compared.
-        coc: a folder of CoC maps, to tell depth edges apart.
-        flip: whether FLIP is measured.
-        metadata: whether metadata that differs makes a picture different.
-    """
-
-    region: Region | None = None
-    mask: Path | None = None
-    coc: Path | None = None
-    flip: bool = False
-    metadata: bool = False
-
-
-@dataclass(frozen=True)
-class Worst:
-    """The worst pixel: its column and row in the picture, and its values by channel."""
-
-    x: int
-    y: int
-    a: Mapping[str, float]
-    b: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """All that is known of a pair.
-
-    Attributes:
-        name: of the pair.
-        a: the file of A, None if it is missing.
-        b: the file of B, None if it is missing.
-        status: one of `STATUSES`.
-        size: width and height of A.
-        encoding: what the values are: ``linear``, ``sRGB`` or ``power`` for a power law.
-        findings: what happened to B, the structure first.
-        metrics: by name, those that the pair has.
-        channels: the greatest difference of each channel.
-        differing: number of pixels that differ.
-        window: x, y, width and height of the smallest rectangle with all pixels that differ.
-        worst: the worst pixel; None if none differs.
-        nonfinite: counts of NaN and infinite pixels.
-        edge_share: share of the compared pixels that are near depth edges, with CoC maps.
-        failed: rules that made it fail.
-        warned: rules that made it a warning.
-        unmeasured: rules to fail whose metric the pair does not have.
-        notes: differences that change no pixel.
-        metadata: attributes that differ.
-        proposal: a rule that would let it pass; empty if no rule would.
-        error: why a file could not be read.
-        images: files of difference images that were written.
-    """
-
-    name: str
-    a: Path | None
-    b: Path | None
-    status: str = SAME
-    size: tuple[int, int] | None = None
-    encoding: str = ""
-    findings: tuple[Finding, ...] = ()
-    metrics: Mapping[str, float] = field(default_factory=dict)
-    channels: Mapping[str, float] = field(default_factory=dict)
-    differing: int = 0
-    window: tuple[int, int, int, int] | None = None
-    worst: Worst | None = None
-    nonfinite: Nonfinite | None = None
-    edge_share: float | None = None
-    failed: tuple[str, ...] = ()
-    warned: tuple[str, ...] = ()
-    unmeasured: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    metadata: tuple[str, ...] = ()
-    proposal: str = ""
-    error: str = ""
-    images: tuple[Path, ...] = ()
-
-    @property
-    def passes(self) -> bool:
-        """Whether B may stand for A."""
-        return self.status in PASSING
 
 
 def compare_pair(pair: Pair, rules: Rules, settings: Settings) -> tuple[Comparison, Pixels | None]:
@@ -135,14 +53,29 @@ def compare_pair(pair: Pair, rules: Rules, settings: Settings) -> tuple[Comparis
     blank = Comparison(pair.name, pair.a, pair.b)
     if pair.a is None or pair.b is None:
         return replace(blank, status=MISSING if pair.b is None else EXTRA), None
-    import numpy as np
-
     try:
         a, b = read_picture(pair.a), read_picture(pair.b)
-        with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
-            return _compared(blank, a, b, rules, settings)
+        return compare_pictures(pair.name, a, b, rules, settings)
     except InputError as error:
         return replace(blank, status=UNREADABLE, error=error.format_message()), None
+
+
+def compare_pictures(
+    name: str, a: Picture, b: Picture, rules: Rules, settings: Settings
+) -> tuple[Comparison, Pixels | None]:
+    """Compare two pictures that have been read.
+
+    Returns:
+        The record, and the pixels if the two have comparable ones.
+
+    Raises:
+        InputError: the mask or the CoC map cannot be read, or is not of this picture.
+        UsageProblem: the region is not within the picture.
+    """
+    import numpy as np
+
+    with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
+        return _compared(Comparison(name, a.path, b.path), a, b, rules, settings)
 
 
 def _compared(
@@ -167,7 +100,7 @@ def _compared(
     if (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
     pixels, corner = _pixels(a, b, structure.common, settings)
-    return _judged(record, pixels, corner, b, rules, settings, strict=strict), pixels
+    return _judged(record, pixels, corner, (a, b), rules, settings, strict=strict), pixels
 
 
 def _pixels(
@@ -195,7 +128,7 @@ def _judged(
     record: Comparison,
     pixels: Pixels,
     corner: tuple[int, int],
-    b: Picture,
+    sides: tuple[Picture, Picture],
     rules: Rules,
     settings: Settings,
     *,
@@ -205,19 +138,17 @@ def _judged(
     nonfinite = count_nonfinite(pixels, corner)
     apart = nonfinite.apart is not None
     differing = any(each.any() for each in pixels.differences)
-    metrics = measure(pixels, over=rules.over) if differing else equal_metrics(pixels)
+    metrics = dict(measure(pixels, over=rules.over) if differing else equal_metrics(pixels))
     if settings.flip:
-        metrics = {**metrics, **measure_flip(pixels)}
+        metrics |= measure_flip(pixels)
     if settings.coc is not None:
-        near = near_edges(settings.coc, record.name, (b.height, b.width))
-        x, y = corner
-        near = near[y : y + pixels.shape[0], x : x + pixels.shape[1]]
-        metrics = {**metrics, **measure_edges(pixels, near)}
+        near = _near(settings.coc, record, pixels, corner)
+        metrics |= measure_edges(pixels, near)
         compared = near if pixels.selected is None else near[pixels.selected]
         record = replace(record, edge_share=float(compared.mean()))
     findings = [*record.findings, *nonfinite.findings()]
-    if differing:
-        findings += diagnose(pixels, b.types, record.a)
+    if differing and settings.diagnose:
+        findings += diagnose(pixels, sides[1].types, record.a) or declared_coc(*sides)
     record = replace(
         record,
         encoding={1.0: "linear", None: "sRGB"}.get(pixels.gamma, "power"),
@@ -237,6 +168,14 @@ def _judged(
         proposal = "" if strict or apart else _proposal(metrics)
         return replace(record, status=DIFFERENT, proposal=proposal)
     return replace(record, status=WARNING if record.warned else SAME)
+
+
+def _near(folder: Path, record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Any:
+    """The compared pixels near a depth edge, by the CoC map of the whole picture."""
+    assert record.size is not None
+    (width, height), (x, y) = record.size, corner
+    near = near_edges(folder, record.name, (height, width))
+    return near[y : y + pixels.shape[0], x : x + pixels.shape[1]]
 
 
 def _met(rules: Sequence[Any], metrics: Mapping[str, float]) -> tuple[str, ...]:

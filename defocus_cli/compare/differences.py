@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_cli.compare.comparison import Comparison
+    from defocus_cli.compare.record import Comparison
     from defocus_cli.diagnosis.pixels import Pixels
 
 _GREY, _HALF = 128, 127  # levels of no difference, and of the greatest on either side

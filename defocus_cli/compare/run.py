@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from defocus_cli.compare.comparison import Comparison, Settings, compare_pair
+from defocus_cli.compare.comparison import compare_pair
 from defocus_cli.compare.differences import write_differences
 from defocus_cli.compare.pairing import Pair
+from defocus_cli.compare.record import Comparison, Settings
 from defocus_cli.compare.thresholds import Thresholds
 from defocus_cli.system.errors import InputError
 

@@ -134,6 +134,7 @@ def read_thresholds(
     fail: Sequence[Rule] = (),
     warn: Sequence[Rule] = (),
     over: float | None = None,
+    default: Rules = Rules(),
 ) -> Thresholds:
     """The thresholds of a file and of the command line.
 
@@ -142,6 +143,7 @@ def read_thresholds(
         fail: rules of flags; if there are any, they replace those of the file.
         warn: the same.
         over: of flags.
+        default: what holds where neither says anything.
 
     Raises:
         InputError: the file cannot be read.
@@ -150,7 +152,7 @@ def read_thresholds(
     given = {"fail": tuple(fail), "warn": tuple(warn), "over": over}
     flags = {key: value for key, value in given.items() if value not in ((), None)}
     if file is None:
-        return Thresholds(flags=flags)
+        return Thresholds(default, flags=flags)
     remedy = "name a file with rules, like compare.toml"
     tables = read_toml(file, what="file of thresholds", remedy=remedy)
     refuse_unknown(tables, (*_KEYS, "override"), file, "a file of thresholds")
@@ -167,7 +169,8 @@ def read_thresholds(
         if pattern is None:
             raise UsageProblem(table.place("files"), "is missing", "write files = 'left/*'")
         read.append((pattern, _changes(table)))
-    return Thresholds(Rules(**_changes(Table(file, "thresholds", top))), tuple(read), flags)
+    general = replace(default, **_changes(Table(file, "thresholds", top)))
+    return Thresholds(general, tuple(read), flags)
 
 
 def _changes(table: Table) -> dict[str, Any]:

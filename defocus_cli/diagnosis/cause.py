@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.diagnosis import geometry, sharpness, tone
-from defocus_cli.diagnosis.evidence import Evidence, best
+from defocus_cli.diagnosis.evidence import Evidence, Explanation, best
 from defocus_cli.diagnosis.finding import Finding
 from defocus_cli.formats.stored_picture import in_linear_light, read_picture
 from defocus_cli.system.errors import InputError
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from defocus_cli.diagnosis.pixels import Pixels
     from defocus_cli.formats.stored_picture import Picture
 
-_MAPS_OF_COC = ("coc", "disparity")
+_COC_ATTRIBUTE = "defocus:coc_px"  # of a render: the range of its signed radii
+_MAPS_OF_COC = {"coc", "disparity"}
 
 
 def diagnose(pixels: Pixels, types: Mapping[str, str], file_a: Path | None) -> list[Finding]:
@@ -33,23 +34,29 @@ def diagnose(pixels: Pixels, types: Mapping[str, str], file_a: Path | None) -> l
     if chosen is None or chosen.left > 0:
         explanations = geometry.explanations(evidence, _other_view(pixels, file_a))
         chosen = best([*filter(None, [chosen]), *explanations])
+    if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
+        return _of_maps(evidence)
     if chosen is None:
-        return _of_maps(evidence) if not pixels.color else list(sharpness.findings(evidence))
+        return list(sharpness.findings(evidence)) if pixels.color else []
     finding = chosen.finding
     return [
         Finding(finding.name, finding.text, finding.values, round(max(0.0, 1 - chosen.left), 4))
     ]
 
 
+def _is_of_values(chosen: Explanation | None) -> bool:
+    """Whether a map differs in its values and not in their places: no cause, or a tone."""
+    return chosen is None or chosen.finding.name in ("another exposure", "another gamma")
+
+
 def _of_maps(evidence: Evidence) -> list[Finding]:
     """Maps of the circle of confusion that differ, with their ranges."""
     findings = []
     for name, a, b in zip(evidence.names, evidence.a, evidence.b, strict=True):
-        if name in _MAPS_OF_COC:
-            old, new = ([float(side.min()), float(side.max())] for side in (a, b))
-            ranges = (f"{least:.2f} to {most:.2f} px" for least, most in (new, old))
-            text = f"another CoC: {name} {' instead of '.join(ranges)}"
-            findings.append(Finding("another CoC", text, {"a": old, "b": new}))
+        old, new = ([float(side.min()), float(side.max())] for side in (a, b))
+        ranges = (f"{least:.2f} to {most:.2f} px" for least, most in (new, old))
+        text = f"another CoC: {name} {' instead of '.join(ranges)}"
+        findings.append(Finding("another CoC", text, {"a": old, "b": new}))
     return findings
 
 
@@ -61,6 +68,20 @@ def of_another_size(a: Picture, b: Picture) -> Iterator[Finding]:
         for side, size in zip((a, b), sizes, strict=True)
     ]
     yield from geometry.resized(*planes)
+
+
+def declared_coc(a: Picture, b: Picture) -> list[Finding]:
+    """Another CoC by the headers of two renders of defocus, where the pixels do not show it."""
+    texts = (side.metadata.get(_COC_ATTRIBUTE, "") for side in (a, b))
+    try:
+        old, new = ([float(number) for number in text.split()] for text in texts)
+    except ValueError:  # another program's attribute
+        return []
+    if old == new or len(old) != 2 or len(new) != 2:
+        return []
+    ranges = (f"{least:.2f} to {most:.2f} px" for least, most in (new, old))
+    text = f"another CoC: {' instead of '.join(ranges)}, as the headers say"
+    return [Finding("another CoC", text, {"a": old, "b": new})]
 
 
 def _other_view(pixels: Pixels, file_a: Path | None) -> dict[str, Any] | None:

@@ -7,7 +7,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from defocus_cli.compare.comparison import (
+from defocus_cli.compare.metrics import METRICS
+from defocus_cli.compare.record import (
     DIFFERENT,
     EXTRA,
     MISSING,
@@ -17,7 +18,6 @@ from defocus_cli.compare.comparison import (
     Comparison,
     Worst,
 )
-from defocus_cli.compare.metrics import METRICS
 from defocus_cli.system.console import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from defocus_cli.compare.comparison import UNREADABLE, WARNING, Comparison
+from defocus_cli.compare.record import UNREADABLE, WARNING, Comparison
 from defocus_cli.reports.compare_report import line
 from defocus_cli.system.errors import printable
 from defocus_cli.system.safe_files import written_whole

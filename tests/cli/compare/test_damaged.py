@@ -10,8 +10,9 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 
-from defocus_cli.compare.comparison import UNREADABLE, Settings, compare_pair
+from defocus_cli.compare.comparison import compare_pair
 from defocus_cli.compare.pairing import Pair
+from defocus_cli.compare.record import UNREADABLE, Settings
 from defocus_cli.compare.thresholds import Rules
 from defocus_cli.system.safe_files import quiet
 

@@ -22,8 +22,9 @@ from planted_faults import (
     write_planes,
 )
 
-from defocus_cli.compare.comparison import Settings, compare_pair
+from defocus_cli.compare.comparison import compare_pair
 from defocus_cli.compare.pairing import Pair
+from defocus_cli.compare.record import Settings
 from defocus_cli.compare.thresholds import Rules
 from defocus_cli.formats.srgb_curve import linear_to_srgb, srgb_to_linear
 
