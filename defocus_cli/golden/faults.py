@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.compare.comparison import compare_pictures
 from defocus_cli.compare.record import Settings
+from defocus_cli.diagnosis.geometry import view_partner
 from defocus_cli.formats.srgb_curve import linear_to_srgb, srgb_to_linear
-from defocus_cli.formats.stored_picture import color_layers, is_map
+from defocus_cli.formats.stored_picture import color_layers, is_map, read_picture
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,14 +69,18 @@ def plant_all(picture: Picture, name: str, rules: Rules, settings: Settings) -> 
         UsageProblem: the region is not within the picture.
     """
     settings = replace(settings, diagnose=False)
+    other_view = _other_view(picture)
     names = [n for layer in color_layers(list(picture.planes)) for n in layer]
     if is_map(list(picture.planes)) or not names:
         names = list(picture.planes)
 
     def noticed(fault: Fault, strength: float) -> bool | None:
         """Whether it fails; None if it changes no value."""
-        spoiled = _spoiled(picture, names, fault, strength)
-        if spoiled is None:
+        if fault is SWAPPED and other_view is not None:
+            spoiled = other_view
+        else:
+            spoiled = _spoiled(picture, names, fault, strength)
+        if _is_equal(picture, spoiled):
             return None
         record, _ = compare_pictures(name, picture, spoiled, rules, settings)
         return not record.passes
@@ -99,16 +104,29 @@ def plant_all(picture: Picture, name: str, rules: Rules, settings: Settings) -> 
     return results
 
 
-def _spoiled(picture: Picture, names: list[str], fault: Fault, strength: float) -> Picture | None:
+def _other_view(picture: Picture) -> Picture | None:
+    """The golden that is the other of the left and right view, if there is one."""
+    partner = view_partner(picture.path)
+    return None if partner is None else read_picture(partner)
+
+
+def _spoiled(picture: Picture, names: list[str], fault: Fault, strength: float) -> Picture:
     import numpy as np
 
     planes = dict(picture.planes)
     for name in names:
         plane = np.asarray(planes[name], np.float32)
         planes[name] = np.asarray(fault.plant(plane, strength), np.float32)
-    if all(np.array_equal(planes[n], picture.planes[n], equal_nan=True) for n in names):
-        return None
     return replace(picture, planes=planes)
+
+
+def _is_equal(a: Picture, b: Picture) -> bool:
+    import numpy as np
+
+    return a.planes.keys() == b.planes.keys() and all(
+        np.array_equal(plane, b.planes[name], equal_nan=plane.dtype.kind == "f")
+        for name, plane in a.planes.items()
+    )
 
 
 def _nan_block(plane: NDArray[Any], strength: float) -> NDArray[Any]:
@@ -166,11 +184,13 @@ def _middle(plane: NDArray[np.float32]) -> tuple[slice, slice]:
     return slice(top, top + _BLOCK), slice(left, left + _BLOCK)
 
 
+# The other view where there is one, else the picture mirrored.
+SWAPPED = Fault("left and right swapped", _mirrored, scales=False)
 FAULTS = (
     Fault("a block of NaN", _nan_block, scales=False),
     Fault("shifted by 1 px", _shifted, (1.0, " px")),
     Fault("gamma 2 %", _gamma, (2.0, " %")),
-    Fault("left and right swapped", _mirrored, scales=False),
+    SWAPPED,
     Fault("a lost highlight", _lost_highlight, (100.0, " % of it")),
     Fault("noise of 1 %", _noise, (1.0, " %")),
 )

@@ -131,6 +131,20 @@ def test_planted_faults_end_rules_that_let_everything_through(jobs: Path, golden
     assert faults["noise of 1 %"] is False
 
 
+def test_views_are_swapped_for_each_other(jobs: Path, tmp_path: Path) -> None:
+    jobs.write_text(jobs.read_text() + "[outputs]\nkinds = ['left', 'right']\n")
+    goldens = tmp_path / "goldens"
+    assert golden("update", jobs, goldens, "--accept").code == 0
+    assert golden("check", jobs, goldens, "--must-fail").code == 0
+    left, right = (goldens / side / "a.exr" for side in ("left", "right"))
+    planes = {name: plane.astype(np.float32) for name, plane in read_exr(left).items()}
+    write_exr(right, **{name: plane + np.float32(5e-5) for name, plane in planes.items()})
+    ran = golden("check", jobs, goldens, "--must-fail")
+    assert "left/a.exr: PASSES: left and right swapped" in ran.out
+    right.write_bytes(left.read_bytes())  # in focus everywhere: there is nothing to notice
+    assert golden("check", jobs, goldens, "--must-fail").code == 0
+
+
 def test_what_is_no_folder_of_goldens_is_refused(jobs: Path, goldens: Path, tmp_path: Path) -> None:
     refused(golden("check", jobs, tmp_path), 3, "golden.json: no such file", "--accept")
     (goldens / "golden.json").write_text('{"samples": {"a": 1}}')

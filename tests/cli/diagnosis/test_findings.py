@@ -258,6 +258,21 @@ def test_infinities_of_another_sign_differ(tmp_path: Path) -> None:
     assert compared(a, b).status == "different"
 
 
+@pytest.mark.parametrize("name", ["spheres", "lights", "leaves"])
+def test_renders_by_another_fnumber_have_another_coc(name: str, tmp_path: Path) -> None:
+    folder = Path(__file__).parents[3] / "sample_scenes" / name
+    for fnumber in ("2", "2.4"):
+        lens = ["--focal-length", "75mm", "--sensor-width", "54mm", "--focus", "1.6m"]
+        words = ["--fnumber", fnumber, "-o", tmp_path / fnumber, "--quality", "draft"]
+        ran = run("render", folder / "rgb.exr", folder / "depth.exr", *lens, *words)
+        assert ran.code == 0, ran.err
+    files = [tmp_path / fnumber / "render" / "rgb.exr" for fnumber in ("2", "2.4")]
+    (finding,) = compared(*files).findings
+    assert finding.name == "another CoC"
+    assert "headers" not in finding.text
+    assert finding.values["blurred_less"] > 2 * finding.values["blurred_more"]
+
+
 def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path) -> None:
     """The left half gets blurrier and the right half, blurred in A, gets sharper."""
     half = np.arange(WIDTH)[None, :, None] < WIDTH // 2
