@@ -30,7 +30,7 @@ from defocus_cli.system.interrupts import Terminated, terminations
 
 COMMANDS = (
     *("render", "batch", "status", "retry", "merge"),
-    *("info", "compare", "golden", "bench", "verify", "help"),
+    *("info", "depth", "compare", "golden", "bench", "verify", "help"),
 )
 
 

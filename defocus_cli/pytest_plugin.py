@@ -93,7 +93,7 @@ def _difference(golden: Path, image: Any, name: str, rules: Rules) -> str:
     """The line of a picture that is not like its golden; empty if it is."""
     from defocus_cli.compare.comparison import compare_pictures
     from defocus_cli.compare.record import Settings
-    from defocus_cli.formats.stored_picture import Picture, read_picture
+    from defocus_cli.diagnosis.picture import Picture, read_picture
     from defocus_cli.reports.compare_report import line
 
     if isinstance(image, Path):

@@ -5,6 +5,11 @@ Lengths are in mm, CoC radii in px, signed: negative nearer than focus, positive
 
 from __future__ import annotations
 
+from defocus_core.depth.conversion import (
+    depth_from_disparity,
+    depth_from_logarithm,
+    planar_depth,
+)
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
@@ -57,11 +62,14 @@ __all__ = [
     "cells_bytes",
     "cheapest_within",
     "cost",
+    "depth_from_disparity",
+    "depth_from_logarithm",
     "depth_percentile",
     "diagnose_depth",
     "drawn",
     "memory_bound",
     "metrics",
+    "planar_depth",
     "quantisation",
     "render",
     "scenery",

@@ -59,14 +59,14 @@ class Reader:
 
     def read(self, job: Job) -> Ready:
         """Decode the inputs of a job."""
-        key = (job.picture, job.reading, job.outputs.need_rendering)
+        key = (job.picture, job.reading, job.lens_focal, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
             return replace(self._last[1], job=job, seconds=0.0)
         self._last = None  # free a picture before the next is decoded
         start = time.perf_counter()
         stamps: dict[str, Any] = {}
         try:
-            for role, path in job.picture.files.items():
+            for role, path in job.files.items():
                 with suppress(OSError):  # the decoder reports it
                     stamps[role] = identity.settled_stamp(path)
             loaded = job_steps.load_inputs(job)

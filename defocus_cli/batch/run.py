@@ -108,10 +108,7 @@ def _carried_out(
         if not plan.unknown and not execution.again:
             path.unlink(missing_ok=True)
         return summary
-    earlier = run_file.plan_of(out) if execution.again else None
-    others = earlier.left(read_all(out)) if earlier else []  # jobs that a stopped batch has left
-    own = {name for files in plan.files for name in files}
-    others = [files for files in others if own.isdisjoint(files)]
+    others = _others_left(plan, out) if execution.again else []
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
         RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)
         plan.files.clear()
@@ -135,6 +132,14 @@ def _carried_out(
             path.unlink(missing_ok=True)
     summary.interrupted = interrupts.asked
     return summary
+
+
+def _others_left(plan: Plan, out: Path) -> list[Sequence[str]]:
+    """The files of each job that a stopped batch has left, and that is not in the plan."""
+    stopped = run_file.plan_of(out)
+    own = {name for files in plan.files for name in files}
+    left = stopped.left(read_all(out)) if stopped else []
+    return [files for files in left if own.isdisjoint(files)]
 
 
 @dataclass
@@ -195,7 +200,7 @@ class _Batch:
 
 def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
     """The record of a job for the journal."""
-    places = {role: input_path(path, out) for role, path in job.picture.files.items()}
+    places = {role: input_path(path, out) for role, path in job.files.items()}
     inputs = {
         role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
     }

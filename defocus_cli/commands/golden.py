@@ -15,7 +15,7 @@ from defocus_cli.compare.record import Comparison, Settings
 from defocus_cli.compare.run import Task, compare_all
 from defocus_cli.compare.selection import Region
 from defocus_cli.compare.thresholds import Rule, Rules, Thresholds, read_thresholds, rule
-from defocus_cli.formats.stored_picture import read_picture
+from defocus_cli.diagnosis.picture import read_picture
 from defocus_cli.golden.faults import plant_all
 from defocus_cli.golden.fresh import Rendered, rendered
 from defocus_cli.golden.store import Store, accept, change_words, read_store

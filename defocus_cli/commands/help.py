@@ -12,7 +12,7 @@ from defocus_cli.system.errors import UsageProblem
 
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",
-    "depth": "depth files, estimated depth of photographs, repair of depth, hidden layers",
+    "depth": "depth files by format, estimated depth of photographs, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
     "compare": "comparison of pictures, thresholds, goldens, CI",

@@ -9,6 +9,7 @@ import click
 from defocus_cli.jobs.job import Lens, Reading
 from defocus_cli.options import shared
 from defocus_cli.options.lens import lens_options
+from defocus_cli.options.reading import reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import inspection_report
 from defocus_cli.reports.inspection import inspect
@@ -23,7 +24,7 @@ from defocus_cli.system.errors import UserError
 )
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @lens_options(required=False)
-@shared.reading_options
+@reading_options
 @shared.json_option
 def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_json: bool) -> None:
     """Say what is in colour and depth files, as 'defocus render' would read them.
@@ -41,6 +42,7 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
                    and repair: what would be done to the depth before it is rendered,
                    empty if nothing; null if there is none
       depth_note   how the depth would be read, or why there is none
+      evidence     formats that the depth could be of, and faults that show
       maps         kind, and range_px or range, of what 'defocus render' wrote
 
     \b
@@ -52,14 +54,14 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     records = []
     for file in files:  # each is reported before the next is read
         try:
-            inspection = inspect(file, reading, lens, lone=len(files) == 1)
+            record = inspect(file, reading, lens, lone=len(files) == 1)
         except UserError as error:
             if failed:
                 failed.show()
             failed = error
             continue
-        records.append(inspection_report.record(inspection))
-        for line in () if as_json else inspection_report.lines(inspection):
+        records.append(record)
+        for line in () if as_json else inspection_report.lines(record):
             console.tell(line)
     if as_json and records:
         console.print_json(files=records)

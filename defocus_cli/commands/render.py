@@ -15,6 +15,7 @@ from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
 from defocus_cli.jobs.pairing import find_pictures
 from defocus_cli.options import shared
 from defocus_cli.options.lens import lens_options
+from defocus_cli.options.reading import reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import batch_report, dry_runs
 from defocus_cli.system import console
@@ -57,7 +58,7 @@ Examples:
 @lens_options(required=True)
 @shared.output_options
 @shared.hidden_option
-@shared.reading_options
+@reading_options
 @shared.rendering_options
 @shared.check_inputs_option
 @shared.json_option

@@ -30,8 +30,8 @@ from defocus_cli.compare.structure import compare_structure
 from defocus_cli.compare.thresholds import Rules
 from defocus_cli.diagnosis.cause import declared_coc, diagnose, of_another_size
 from defocus_cli.diagnosis.finding import Finding
+from defocus_cli.diagnosis.picture import Picture, in_linear_light, read_picture
 from defocus_cli.diagnosis.pixels import Pixels
-from defocus_cli.formats.stored_picture import Picture, in_linear_light, read_picture
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:

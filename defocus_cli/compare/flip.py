@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.srgb_curve import srgb_to_linear
+from defocus_cli.formats.color_space import srgb_to_linear
 from defocus_cli.system.errors import UsageProblem
 from defocus_cli.system.safe_files import quiet
 

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.srgb_curve import linear_to_srgb
+from defocus_cli.formats.color_space import linear_to_srgb
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

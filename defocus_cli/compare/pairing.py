@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_cli.formats.stored_picture import SUFFIXES
+from defocus_cli.diagnosis.picture import SUFFIXES
 from defocus_cli.jobs.wildcards import matching
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import missing

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.stored_picture import read_picture
+from defocus_cli.diagnosis.picture import read_picture
 from defocus_cli.jobs.quantities import QuantityError
 from defocus_cli.system.errors import InputError, UsageProblem
 

@@ -14,7 +14,7 @@ from defocus_cli.diagnosis.finding import Finding
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from defocus_cli.formats.stored_picture import Picture
+    from defocus_cli.diagnosis.picture import Picture
 
 
 @dataclass(frozen=True)

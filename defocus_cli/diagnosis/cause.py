@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.diagnosis import geometry, sharpness, tone
 from defocus_cli.diagnosis.evidence import Evidence, Explanation, best
 from defocus_cli.diagnosis.finding import Finding
-from defocus_cli.formats.stored_picture import in_linear_light, read_picture
+from defocus_cli.diagnosis.picture import in_linear_light, read_picture
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from defocus_cli.diagnosis.picture import Picture
     from defocus_cli.diagnosis.pixels import Pixels
-    from defocus_cli.formats.stored_picture import Picture
 
 _COC_ATTRIBUTE = "defocus:coc_px"  # of a render: the range of its signed radii
 _MAPS_OF_COC = {"coc", "disparity"}

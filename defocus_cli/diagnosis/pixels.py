@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.stored_picture import color_layers, is_map
+from defocus_cli.diagnosis.picture import color_layers, is_map
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.diagnosis.evidence import LEFT, Evidence, Explanation
 from defocus_cli.diagnosis.finding import Finding
-from defocus_cli.formats.srgb_curve import linear_to_srgb, srgb_to_linear
-from defocus_cli.formats.stored_picture import layers
+from defocus_cli.diagnosis.picture import layers
+from defocus_cli.formats.color_space import linear_to_srgb, srgb_to_linear
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -10,12 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.formats.color_space import linear_light, unit
 from defocus_cli.formats.exr import Part, read_parts
 from defocus_cli.formats.exr_channels import ChannelGroup, choose_color
 from defocus_cli.formats.exr_header import is_exr, read_headers
 from defocus_cli.formats.float_maps import is_float_map
 from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
-from defocus_cli.formats.srgb_curve import linear_light, unit
 from defocus_cli.system.arrays import IN_MEMORY, Keeping, bands, count_of
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError, UsageProblem
@@ -140,13 +140,13 @@ def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping)
     headers = read_headers(path)
     chosen = choose_color(path, headers, layer=layer, part=part)
     parts = read_parts(path, headers, keeping)
-    own = parts[chosen.header.index]
+    planes = parts[chosen.header.index].channels
     extras, left_out = _extras(parts, chosen)
     return Color(
-        planes=_one_type([own.channels[name] for name in chosen.channels.values()], keeping),
+        planes=_one_type([planes[name] for name in chosen.channels.values()], keeping),
         channels=tuple(chosen.channels),
         path=path,
-        attributes={k: v for k, v in own.header.attributes.items() if k != _THUMBNAIL},
+        attributes={k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL},
         extras=extras,
         corner=(chosen.header.display.x0, chosen.header.display.y0),
         note=_exr_note(chosen),
@@ -203,9 +203,9 @@ def _extras(
             why = "which is deep" if part.header.deep else "which is of another size"
             left_out.append(f"part {part.header.label}, {why}, left out")
             continue
-        own = part.header.index == chosen.header.index
+        is_of_color = part.header.index == chosen.header.index
         for name, plane in part.channels.items():
-            if own and name in chosen.channels.values():
+            if is_of_color and name in chosen.channels.values():
                 continue
             taken = name in extras or name in chosen.channels
             extras[f"{part.header.label}.{name}" if taken else name] = plane

@@ -1,14 +1,19 @@
-"""Colour spaces that files declare: how samples become light, and which declarations are ignored.
+"""Colour spaces of files: what they declare, and the curves between their samples and light.
 
-sRGB, power laws and linear samples are decoded. Primaries stay as they are, since the blur does not
-depend on them. Another declaration, as an embedded profile or a curve of HDR television, is not
-applied, and a warning says so.
+sRGB (IEC 61966-2-1, exact), power laws and linear samples are decoded. Primaries stay as they are,
+since the blur does not depend on them. Another declaration, as an embedded profile or a curve of
+HDR television, is not applied, and a warning says so.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
 _CURVES = {None: "sRGB", 1.0: "linear"}
@@ -65,3 +70,93 @@ def _unheeded(spec: Any, *, declared: bool) -> str:
 def _name(spec: Any) -> str:
     """Name of the declared space, like ``srgb_rec709_scene``: curve, primaries, reference."""
     return str(spec.get_string_attribute("oiio:ColorSpace")).lower()
+
+
+def srgb_to_linear(encoded: NDArray[Any]) -> NDArray[np.float64]:
+    """Linear light of sRGB values, both 0…1."""
+    import numpy as np
+
+    value = np.asarray(encoded, np.float64)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Encoded sRGB values of linear light, both 0…1; negative light is taken as 0."""
+    import numpy as np
+
+    value = np.maximum(linear, np.float32(0.0))
+    toe = np.minimum(value, np.float32(1.0)) * np.float32(12.92)  # what is near the largest float
+    curve = np.float32(1.055) * value ** np.float32(1 / 2.4) - np.float32(0.055)
+    return np.where(value <= np.float32(0.0031308), toe, curve)
+
+
+@cache
+def decoding_table(bits: int, gamma: float | None = None) -> NDArray[np.float32]:
+    """Linear light of every integer of a file with 8 or 16 bits, [2^bits].
+
+    Args:
+        bits: 8 or 16.
+        gamma: exponent of a file that declares a power law (1 = linear); None for sRGB.
+    """
+    import numpy as np
+
+    encoded = np.arange(2**bits) / (2**bits - 1)
+    linear = srgb_to_linear(encoded) if gamma is None else encoded**gamma
+    return linear.astype(np.float32)
+
+
+def linear_light(
+    colour: NDArray[Any],
+    alpha: NDArray[np.float32] | None,
+    *,
+    gamma: float | None,
+    associated: bool,
+) -> NDArray[np.float32]:
+    """Linear light of the samples of a file, premultiplied by alpha if there is one.
+
+    Args:
+        colour: [H, W, C] as in the file.
+        alpha: [H, W, 1], 0…1.
+        gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
+        associated: whether the samples are multiplied by alpha already.
+    """
+    import numpy as np
+
+    linear: NDArray[np.float32]
+    if alpha is not None and associated and gamma != 1.0:
+        # Such files were premultiplied after encoding, as editors do: undo that first.
+        visible = np.where(alpha > 0, alpha, np.float32(1.0))
+        return _decoded(np.minimum(unit(colour) / visible, 1.0), gamma) * alpha
+    if colour.dtype.kind == "u":
+        linear = decoding_table(colour.dtype.itemsize * 8, gamma)[colour]
+    else:
+        linear = _decoded(colour, gamma)
+    return linear if alpha is None or associated else linear * alpha
+
+
+def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
+    import numpy as np
+
+    if gamma == 1.0:
+        return values
+    linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
+    return linear.astype(np.float32)
+
+
+def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
+    """Integers as 0…1, floats as they are."""
+    import numpy as np
+
+    if samples.dtype.kind != "u":
+        return samples.astype(np.float32)
+    top = np.iinfo(samples.dtype).max
+    return (samples / top).astype(np.float32)
+
+
+def quantised(values: NDArray[np.float32], bits: int) -> NDArray[Any]:
+    """Values 0…1 as the nearest integers of 8 or 16 bits; what lies outside is clipped."""
+    import numpy as np
+
+    clipped = np.clip(np.nan_to_num(values, nan=0.0), 0.0, 1.0)
+    levels: NDArray[np.float32] = np.rint(clipped * np.float32(2**bits - 1))
+    return levels.astype(np.uint8 if bits == 8 else np.uint16)

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from defocus_cli.formats.bare_arrays import bare_type, read_bare
+from defocus_cli.formats.containers import container_type, read_entries
 from defocus_cli.formats.exr_header import is_exr, read_headers
-from defocus_cli.formats.float_maps import is_float_map, read_float_map
+from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
+from defocus_cli.formats.photo_depth import is_heic, read_heic
 from defocus_cli.formats.raster import read_pages
 from defocus_cli.system.safe_files import read_head
 
@@ -58,7 +61,7 @@ def describe(path: Path) -> FileInfo:
     Raises:
         InputError: the file is missing, damaged or of no known kind.
     """
-    head = read_head(path)
+    head = read_head(path, 32)
     if is_exr(head):
         headers = read_headers(path)
         parts = tuple(
@@ -67,19 +70,42 @@ def describe(path: Path) -> FileInfo:
         )
         shown = headers[0].display
         return FileInfo(path, shown.width, shown.height, parts, at_once=False)
-    if is_float_map(head):
-        values = read_float_map(path, integers=True).values
-        floats = PartInfo(0, "", (("Z", values.dtype.name),), deep=False)
-        return FileInfo(path, values.shape[1], values.shape[0], (floats,), at_once=False)
+    if head.startswith(NPY_MAGIC):
+        values = read_npy(path, integers=True)
+        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
+    if is_float_map(head) or bare_type(head):
+        values = read_float_map(path).values if is_float_map(head) else read_bare(path)
+        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
+    if container_type(head):
+        entries = read_entries(path).items()
+        return _arrays(path, {name: (e.shape, e.dtype) for name, e in entries}, at_once=True)
+    if is_heic(head):
+        values = read_heic(path).values
+        return _arrays(path, {"depth": (values.shape, values.dtype.name)}, at_once=True)
     known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
-        PartInfo(
-            *(page.page, "", tuple((name, page.type) for name in page.channels)),
-            *(page.deep, page.whole),
-        )
-        for page in pages
+        PartInfo(p.page, "", tuple((name, p.type) for name in p.channels), p.deep, p.whole)
+        for p in pages
     )
     first = next((page for page in pages if page.whole), pages[0])
     at_once = any(page.at_once for page in pages)
     return FileInfo(path, first.width, first.height, parts, at_once)
+
+
+def _arrays(
+    path: Path, arrays: dict[str, tuple[tuple[int, ...], str]], *, at_once: bool
+) -> FileInfo:
+    """Arrays of a file by name, of shape and type: its size is that of the first."""
+    channels = tuple(
+        (name if len(shape) == 2 and len(arrays) == 1 else f"{name} {_times(shape)}", dtype)
+        for name, (shape, dtype) in arrays.items()
+    )
+    shape = next(iter(arrays.values()))[0]
+    height, width = shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
+    part = PartInfo(0, "", channels, deep=False)
+    return FileInfo(path, width, height, (part,), at_once)
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return "×".join(map(str, shape))

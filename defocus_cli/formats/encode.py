@@ -16,9 +16,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.exr import clamped_half, write_exr
-from defocus_cli.formats.raster import Tag
-from defocus_cli.formats.srgb_curve import linear_to_srgb, quantised
+from defocus_cli.formats.tags import Tag, set_tag
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError, UsageProblem, one_line
@@ -88,6 +88,25 @@ def write_image(
         problem = "has a suffix of no format that can be written"
         raise UsageProblem(path, problem, f"use .exr, {', '.join(FORMATS)}")
     codec = FORMATS[path.suffix.lower()]
+    metadata = {
+        name: value
+        for name, value in attributes.items()
+        if isinstance(value, Tag) or (name.startswith("defocus:") and isinstance(value, str))
+    }
+    if codec == "jpeg":
+        metadata["Compression"] = f"jpeg:{jpeg_quality}"
+    return _write_display(path, pixels, channels, codec, bits, metadata)
+
+
+def _write_display(
+    path: Path,
+    pixels: Any,
+    channels: Sequence[str],
+    codec: str,
+    bits: int,
+    metadata: Mapping[str, str | Tag],
+) -> list[str]:
+    """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
     depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
     keep_alpha = codec != "jpeg"
     above = below = 0
@@ -99,10 +118,7 @@ def write_image(
             samples, above, below = strip[0], above + strip[1], below + strip[2]
             yield samples
 
-    told = {k: v for k, v in attributes.items() if k.startswith("defocus:") and isinstance(v, str)}
-    tags = {k: v for k, v in attributes.items() if isinstance(v, Tag)}
-    quality = {"Compression": f"jpeg:{jpeg_quality}"} if codec == "jpeg" else {}
-    write_samples(path, pixels.shape[:2], encoded(), codec, {**told, **tags, **quality})
+    write_samples(path, pixels.shape[:2], encoded(), codec, metadata)
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
@@ -240,7 +256,7 @@ def _spec(
     settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
     for name, value in {**settings, "Software": "defocus"}.items():
         if isinstance(value, Tag):
-            spec.attribute(name, oiio.TypeDesc(value.type), value.value)
+            set_tag(spec, name, value)
         else:
             spec.attribute(name, value)
     return spec

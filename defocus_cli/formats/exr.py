@@ -209,8 +209,8 @@ def write_exr(
 
     Args:
         path: written whole or not at all.
-        channels: name to float16, float32 or uint32 array [H, W], of which some rows are looked at
-            at a time.
+        channels: name to float16, float32 or uint32 array [H, W], which is read in strips of
+            rows.
         attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
         corner: x and y of the first pixel of both windows.
 
@@ -219,14 +219,14 @@ def write_exr(
     """
     kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
-    own = {name: value for name, value in kept.items() if name not in carried}
+    plain = {name: value for name, value in kept.items() if name not in carried}
     height, width = next(iter(channels.values())).shape
     (x, y), offsets = corner, b""
     whole = Window(x, y, x + width - 1, y + height - 1)
     box = Raw("box2i", struct.pack("<4i", *whole))
     windows = {"dataWindow": box, "displayWindow": box}
     with written_whole(path) as file, quiet():
-        for attributes_of_strip, starts, chunks in _encoded_strips(channels, own, whole):
+        for attributes_of_strip, starts, chunks in _encoded_strips(channels, plain, whole):
             if not offsets:
                 file.write(header_bytes(attributes_of_strip | carried | windows))
                 table = file.tell()

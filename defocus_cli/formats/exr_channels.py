@@ -67,10 +67,10 @@ def _chosen_color(
     path: Path, headers: Sequence[Header], layer: str | None, part: int | None
 ) -> ChannelGroup:
     searched = _flat(path, _of_part(path, headers, part))
-    found = [found for header in searched for found in _color_layers(header)]
+    layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
-        return _named(path, found, layer, "colour layer", "--color-layer")
-    candidates = [c for c in found if "R" in c.channels] or found
+        return _named(path, layers, layer, "colour layer", "--color-layer")
+    candidates = [each for each in layers if "R" in each.channels] or layers
     default = [c for c in candidates if c.default]
     if len(default) == 1:
         return default[0]
@@ -90,7 +90,7 @@ def choose_depth(
         InputError: the channel or part is not there, or several channels could be the depth.
     """
     searched = _flat(path, _of_part(path, headers, part))
-    every = [ChannelGroup(header, c.name) for header in searched for c in header.channels]
+    every = channels_of(path, headers, part)
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
@@ -105,6 +105,16 @@ def choose_depth(
         remedy = "if one of them is the depth, say --depth-channel NAME"
         raise NoDepthChannel(path, problem, remedy)
     return _only(path, candidates, "depth channel", "--depth-channel")
+
+
+def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
+    """All channels of a file, or of one of its parts, in the order of the file.
+
+    Raises:
+        InputError: the part is not there, or all is deep.
+    """
+    searched = _flat(path, _of_part(path, headers, part))
+    return [ChannelGroup(header, c.name) for header in searched for c in header.channels]
 
 
 def require_part(path: Path, part: int, count: int) -> None:
@@ -166,15 +176,15 @@ def _is_depth(candidate: ChannelGroup) -> bool:
 
 
 def _named(
-    path: Path, found: Sequence[ChannelGroup], wanted: str, kind: str, option: str
+    path: Path, groups: Sequence[ChannelGroup], wanted: str, kind: str, option: str
 ) -> ChannelGroup:
     """The one candidate that the user calls ``wanted``."""
-    exact = [c for c in found if wanted in _names(c)]
+    exact = [c for c in groups if wanted in _names(c)]
     folded = wanted.casefold()
-    matches = exact or [c for c in found if folded in {n.casefold() for n in _names(c)}]
+    matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
     if not matches:
-        there = ", ".join(_labels(found)) or "none"
-        raise InputError(path, f"has no {kind} {wanted}; it has {there}", f"check {option}")
+        known = ", ".join(_labels(groups)) or "none"
+        raise InputError(path, f"has no {kind} {wanted}; it has {known}", f"check {option}")
     return _only(path, matches, kind, option)
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+NPY_MAGIC = b"\x93NUMPY"
 _AGAIN = "write or copy it again"
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
 _PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
@@ -39,11 +40,11 @@ class FloatMap:
 
 def is_float_map(head: bytes) -> bool:
     """Whether a file that starts with ``head`` is one of these."""
-    return head[:2] in (b"Pf", b"PF") or head.startswith(b"\x93NUMPY")
+    return head[:2] in (b"Pf", b"PF") or head.startswith(NPY_MAGIC)
 
 
 def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
-    """Map a PFM or NPY file into memory.
+    """Map a PFM or NPY file of one map into memory.
 
     Args:
         path: the file.
@@ -52,12 +53,30 @@ def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
     Raises:
         InputError: damaged, or not a single map of floats.
     """
-    if read_head(path).startswith(b"\x93NUMPY"):
-        return FloatMap(_npy(path, "fiu" if integers else "f"), "NPY")
-    return FloatMap(_pfm(path), "PFM")
+    if not read_head(path).startswith(NPY_MAGIC):
+        return FloatMap(_pfm(path), "PFM")
+    values = read_npy(path, integers=integers)
+    while values.ndim > 2 and values.shape[0] == 1:
+        values = values[0]
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    if values.ndim != 2:
+        shape = " × ".join(str(n) for n in values.shape) or "no"
+        problem = f"has {shape} numbers, not height × width"
+        raise InputError(path, problem, "save one map a file, or say its --depth-format")
+    return FloatMap(values, "NPY")
 
 
-def _npy(path: Path, kinds: str) -> NDArray[Any]:
+def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
+    """Map an NPY file of any number of axes into memory.
+
+    Args:
+        path: the file.
+        integers: whether integers will do, since their unit is known.
+
+    Raises:
+        InputError: damaged, without numbers, or of too many.
+    """
     import numpy as np
 
     try:
@@ -69,19 +88,15 @@ def _npy(path: Path, kinds: str) -> NDArray[Any]:
             raise InputError(path, problem, remedy) from error
         problem = f"is a truncated or damaged NPY file ({reason(error)})"
         raise InputError(path, problem, _AGAIN) from error
-    if values.dtype.kind not in kinds:
+    if values.dtype.kind not in ("fiu" if integers else "f"):
         problem = f"holds {values.dtype} numbers, whose unit is unknown"
-        integers = values.dtype.kind in "iu"
-        raise InputError(path, problem, "say --depth-unit mm" if integers else "save floats")
-    while values.ndim > 2 and values.shape[0] == 1:
-        values = values[0]
-    if values.ndim == 3 and values.shape[2] == 1:
-        values = values[:, :, 0]
-    if values.ndim != 2 or values.size == 0:
+        whole = values.dtype.kind in "iu"
+        raise InputError(path, problem, "say --depth-unit mm" if whole else "save floats")
+    if values.size == 0 or values.ndim < 2:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
-        raise InputError(path, problem, "save one map a file")
-    check_size(path, values.shape[1], values.shape[0], values.itemsize)
+        raise InputError(path, problem, "save one map a file, or say its --depth-format")
+    check_size(path, values.shape[-1], values.size // values.shape[-1], values.itemsize)
     return values
 
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from defocus_cli.formats.color_space import ColorSpace, color_space
 from defocus_cli.formats.exr_channels import require_part
+from defocus_cli.formats.tags import Tag, tags_of
 from defocus_cli.system.arrays import bands
 from defocus_cli.system.errors import InputError, one_line, reason
 from defocus_cli.system.safe_files import check_size, quiet, read_head
@@ -28,24 +29,6 @@ _AGAIN = "write or copy it again"
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
-# Metadata about the camera and the author, in OpenImageIO's names; the rest describes the encoding.
-_TAG_GROUPS = ("Exif:", "GPS:", "IPTC:")
-_TAGS = {
-    *("Make", "Model", "Artist", "Copyright", "ImageDescription", "DateTime"),
-    *("FNumber", "ExposureTime"),
-}
-# The output may differ from these, or they are of unknown structure.
-_NO_TAGS = {
-    *("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote"),
-}
-_LONGEST_TAG = 4096  # characters or numbers; EXIF takes 64 KB in all
-
-
-class Tag(NamedTuple):
-    """An EXIF, GPS or IPTC attribute: its type in OpenImageIO's words, and its value."""
-
-    type: str
-    value: Any
 
 
 class _MayBeWhole(Protocol):
@@ -246,18 +229,8 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         at_once=_is_at_once(path, spec, file.format_name()),
         page=page,
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
-        tags=_tags(spec),
+        tags=tags_of(spec),
     )
-
-
-def _tags(spec: Any) -> dict[str, Tag]:
-    return {
-        attribute.name: Tag(str(attribute.type), attribute.value)
-        for attribute in spec.extra_attribs
-        if (attribute.name in _TAGS or attribute.name.startswith(_TAG_GROUPS))
-        and attribute.name not in _NO_TAGS
-        and len(str(attribute.value)) <= _LONGEST_TAG
-    }
 
 
 def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
@@ -283,7 +256,7 @@ def _canonical(spec: Any) -> Iterator[str]:
 
 def first_line(path: Path, text: str) -> str:
     """First line of what OpenImageIO says, short enough for a message that names the file."""
-    for named, instead in ((f' ("{path}")', ""), (f" ({path})", ""), (f"{path}: ", "")):
-        text = text.replace(named, instead)
+    for named in (f' ("{path}")', f" ({path})", f"{path}: ", f": {path}"):
+        text = text.replace(named, "")
     lines = text.replace(f'"{path}"', "it").strip().splitlines() or ["no reason given"]
     return one_line(lines[0]).rstrip(".")[:120]

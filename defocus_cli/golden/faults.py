@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.compare.comparison import compare_pictures
 from defocus_cli.compare.record import Settings
 from defocus_cli.diagnosis.geometry import view_partner
-from defocus_cli.formats.srgb_curve import linear_to_srgb, srgb_to_linear
-from defocus_cli.formats.stored_picture import color_layers, is_map, read_picture
+from defocus_cli.diagnosis.picture import color_layers, is_map, read_picture
+from defocus_cli.formats.color_space import linear_to_srgb, srgb_to_linear
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from defocus_cli.compare.thresholds import Rules
-    from defocus_cli.formats.stored_picture import Picture
+    from defocus_cli.diagnosis.picture import Picture
 
 _WEAKEST = 12  # halvings that are tried
 _BLOCK = 8  # px of the side of a block of NaN, or of a highlight that is lost

@@ -150,7 +150,7 @@ def _path(value: object, where: str, folder: Path) -> Path:
 
 def _stem(value: object, where: str) -> str:
     stem = str(value)
-    odd = "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
+    odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
     if odd or not isinstance(value, str | int):
         remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
         raise InputError(f"{where}: stem", f"{value!r} cannot name a file", remedy)

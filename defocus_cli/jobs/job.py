@@ -1,7 +1,7 @@
 """A job: one picture, the lens that takes it, what to write and how to render it.
 
 Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
-Nothing here opens a file.
+Nothing here opens a file, though `Job.files` looks which are there.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from defocus_cli.depth_formats.reading import DepthReading
+from defocus_cli.depth_formats.sidecars import files_beside
 from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
 
@@ -83,19 +85,11 @@ class Lens:
     focus_source: str = field(default="", compare=False)
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What to take from the input files."""
+@dataclass(frozen=True, kw_only=True)
+class Reading(DepthReading):
+    """What to take from the input files, and how to read it."""
 
-    depth_unit: str | None = None  # None: what the file type implies
-    depth_channel: str | None = None
     color_layer: str | None = None
-    part: int | None = None
-
-    @property
-    def depth_declared(self) -> bool:
-        """Whether it says what the numbers of the depth mean."""
-        return self.depth_unit is not None
 
 
 @dataclass(frozen=True)
@@ -155,6 +149,16 @@ class Job:
     outputs: Outputs
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its inputs by role: those of the picture, and those beside its depth that are there."""
+        return self.picture.files | files_beside(self.reading.row, self.picture.depth)
+
+    @property
+    def lens_focal(self) -> float | None:
+        """Focal length in widths of the sensor, where the depth cannot be read without it."""
+        return self.lens.foclen / self.lens.sensor_width if self.reading.needs_lens else None
 
     @property
     def sample_id(self) -> str:

@@ -7,7 +7,7 @@ A TOML file with the tables
   [sample]    random lenses, see `defocus_cli.jobs.random_lenses`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
-  [reading]   depth-unit, depth-channel, color-layer, part
+  [reading]   depth-format and the other options of reading, see `defocus_cli.jobs.reading_options`
   [outputs]   kinds, format, exr-type, jpeg-quality, preview
   [machine]   quality, or tolerance, like "1px"; depth-repair, "auto" or "off"
 
@@ -22,12 +22,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
 from defocus_cli.jobs.job import DEPTH_REPAIRS, QUALITIES, Job, Machine, Outputs, Reading
 from defocus_cli.jobs.lens_plan import read_plan
 from defocus_cli.jobs.quantities import pixel_count
+from defocus_cli.jobs.reading_options import (
+    NAMES_OF_OPTIONS,
+    lens_file_reading,
+    make_reading,
+    reading_values,
+)
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_cli.system.errors import UsageProblem
 
@@ -52,7 +57,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
     plan = read_plan(named["lens"], named["sweep"], named["sample"])
-    reading = _reading(named["reading"])
+    reading = _reading(named["reading"], named["lens"])
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
     entries = read_inputs(named["inputs"])
@@ -66,14 +71,12 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     ]
 
 
-def _reading(section: Table) -> Reading:
-    section.refuse_unknown(("depth-unit", "depth-channel", "color-layer", "part"))
-    return Reading(
-        depth_unit=section.choice("depth-unit", tuple(CONVENTIONS)),
-        depth_channel=section.text("depth-channel"),
-        color_layer=section.text("color-layer"),
-        part=section.whole("part", 0),
-    )
+def _reading(section: Table, lens: Table) -> Reading:
+    """The options of ``[reading]``, over those of the lens file."""
+    section.refuse_unknown(NAMES_OF_OPTIONS)
+    file = lens.text("file")
+    below = lens_file_reading(None if file is None else lens.file.parent / file)
+    return make_reading(reading_values(section.values, section.place), below)
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:

@@ -1,7 +1,7 @@
 """Lens options: their names, how each is read and written, and the lens that they describe.
 
 Files hold options as texts, ``{"focus": "2m"}``, with the units they have on the command line. A
-lens file holds nothing else::
+lens file holds them, and reading options if it likes::
 
     focal-length = "50mm"
     fnumber = 1.4
@@ -22,6 +22,7 @@ from typing import Any
 from defocus_cli.jobs import quantities
 from defocus_cli.jobs.job import Lens
 from defocus_cli.jobs.quantities import length_text, read_at, text_of
+from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
 from defocus_cli.system.errors import UsageProblem
 
@@ -134,7 +135,7 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
 
 
 def read_lens_file(file: Path) -> dict[str, str]:
-    """The options of a lens file, as texts that make sense.
+    """The lens options of a lens file, as texts that make sense; it may have reading options, too.
 
     Raises:
         InputError: the file cannot be read as TOML.
@@ -142,6 +143,7 @@ def read_lens_file(file: Path) -> dict[str, str]:
     """
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
+    stored = {name: value for name, value in stored.items() if name not in NAMES_OF_OPTIONS}
     refuse_unknown(stored, tuple(PARSERS), file, "a lens file")
     refuse_contradiction(stored, f"{file}: ")
     return {name: checked(name, value, f"{file}: {name}") for name, value in stored.items()}

@@ -1,6 +1,7 @@
 """Pictures found in files, directories and patterns: colour, depth and hidden files of one name.
 
-The name of a file is its stem in a directory, and what the wildcards stand for in a pattern. A lone
+The name of a file in a directory is its stem. In a pattern it is what the wildcards stand for, with
+the text before them if that is the same in all patterns: ``s*/rgb.exr`` names s1, and not 1. A lone
 file pairs with any other lone file, whatever their stems.
 """
 
@@ -10,13 +11,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from defocus_cli.formats.kinds import PREVIEW
 from defocus_cli.jobs.job import Picture
-from defocus_cli.jobs.wildcards import has_wildcard, matching
+from defocus_cli.jobs.wildcards import has_wildcard, matching, texts_before
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import missing
 
 COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
-DEPTH_SUFFIXES = frozenset({".exr", ".pfm", ".npy", ".png", ".tif", ".tiff"})
+PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
+DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
+    *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),
+    *(".dsp5", ".mat", ".heic", ".heif"),
+}
 SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
 
 
@@ -47,25 +53,28 @@ def find_pictures(
     Raises:
         InputError: a path is missing or of the wrong sort, or files do not pair up.
     """
-    colors, pictures = _paired(color, depth, patterns_in)
+    paths = [path for path in (color, depth, *(hidden or ())) if path is not None]
+    with_text = all(texts_before(path) == texts_before(color) for path in paths)
+    colors, pictures = _paired(color, depth, patterns_in, with_text)
     if hidden is None:
         return list(pictures.values())
-    hidden_colors, behind = _paired(*hidden, patterns_in)
+    hidden_colors, behind = _paired(*hidden, patterns_in, with_text)
     _refuse_unpaired(colors, hidden_colors)
     return [replace(picture, hidden=behind[name]) for name, picture in pictures.items()]
 
 
 def _paired(
-    color: Path, depth: Path | None, root: Path | None
+    color: Path, depth: Path | None, root: Path | None, with_text: bool
 ) -> tuple[_Files, dict[str, Picture]]:
     """The files of a colour path, and the picture of each name."""
     if depth is None:
-        colors = depths = _files(color, SCENE_SUFFIXES, root)
+        colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
         if colors.kind == "file" and color.suffix.lower() not in SCENE_SUFFIXES:
             problem = "has no depth, which only EXR holds beside colour"
             raise InputError(colors.path, problem, "give the depth file as a second argument")
     else:
-        colors, depths = _files(color, COLOR_SUFFIXES, root), _files(depth, DEPTH_SUFFIXES, root)
+        colors = _files(color, COLOR_SUFFIXES, root, with_text)
+        depths = _files(depth, DEPTH_SUFFIXES, root, with_text)
         _refuse_unpaired(colors, depths)
         _refuse_unpaired(depths, colors)
     return colors, {
@@ -74,9 +83,9 @@ def _paired(
     }
 
 
-def _files(path: Path, suffixes: frozenset[str], root: Path | None) -> _Files:
+def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: bool) -> _Files:
     if root is not None and has_wildcard(path):
-        kind, named, path = "pattern", matching(root, path), root / path
+        kind, named, path = "pattern", matching(root, path, with_text=with_text), root / path
     else:
         path = path if root is None else root / path
         if not path.is_dir():
@@ -85,7 +94,11 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None) -> _Files:
             return _Files(path, "file", {"": path})
         kind, named = "directory", matching(path, "*")
     by_name: dict[str, Path] = {}
-    for name, file in sorted(named):
+    listed = [(name, file) for name, file in sorted(named) if not _is_preview(file)]
+    held = {file.suffix.lower() for _, file in listed} & suffixes
+    if suffixes is DEPTH_SUFFIXES and kind == "directory" and held - PHOTO_SUFFIXES:
+        suffixes = suffixes - PHOTO_SUFFIXES  # a photograph is depth where no other file is
+    for name, file in listed:
         if file.suffix.lower() not in suffixes or file.is_dir():
             continue
         if name in by_name:
@@ -98,6 +111,11 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None) -> _Files:
         known = ", ".join(sorted(suffix[1:] for suffix in suffixes))
         raise InputError(path, "holds no file of a known type", f"give files of type {known}")
     return _Files(path, kind, by_name)
+
+
+def _is_preview(file: Path) -> bool:
+    """Whether a file is a preview of depth that ``defocus depth`` wrote."""
+    return file.name.endswith(f"{PREVIEW}.png")
 
 
 def _refuse_unpaired(files: _Files, others: _Files) -> None:

@@ -84,6 +84,17 @@ def pixel_count(text: str) -> float:
     return _positive(text, "a length in px", "like 40px", {"": 1, "px": 1})
 
 
+def number(text: str) -> float:
+    """A finite number of either sign."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise QuantityError(f"'{text}' is not a number", "write it like 1.5") from None
+    if not math.isfinite(value):
+        raise QuantityError(f"'{text}' is not finite", "write it like 1.5")
+    return value
+
+
 def fnumber(text: str) -> float:
     """A positive f-number, from ``1.4`` or ``f/1.4``."""
     return _positive(text.lower().removeprefix("f/"), "an f-number", "like 1.4", {"": 1})

@@ -52,18 +52,19 @@ def read_sweep(table: Table) -> list[Point]:
         UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
     """
     table.refuse_unknown((*PARSERS, "lenses"))
-    axes = [
-        [{name: text} for text in _values(name, table.values[name], table.place(name))]
-        for name in PARSERS
-        if name in table.values
-    ]
-    if "lenses" in table.values:
-        axes.insert(0, _sets(table))
-    count = math.prod(map(len, axes))
+    axes = [_sets(table)] if "lenses" in table.values else []
+    for name in PARSERS:
+        if name in table.values:
+            texts = _values(name, table.values[name], table.place(name))
+            _refuse_many(math.prod(map(len, axes)) * len(texts), f"{table.file}: [sweep]")
+            axes.append([{name: text} for text in texts])
+    return _points(table, axes)
+
+
+def _refuse_many(count: int, where: str) -> None:
     if count > MOST_LENSES:
         problem = f"makes {count} lenses for each picture"
-        raise UsageProblem(f"{table.file}: [sweep]", problem, f"ask for at most {MOST_LENSES}")
-    return _points(table, axes)
+        raise UsageProblem(where, problem, f"ask for at most {MOST_LENSES}")
 
 
 def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[Point]:
@@ -93,6 +94,7 @@ def _values(name: str, value: object, where: str) -> list[str]:
     if not isinstance(value, list) or not value:
         remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
         raise UsageProblem(where, f"{value!r} is no list of values", remedy)
+    _refuse_many(len(value), where)
     return [checked(name, one, where) for one in value]
 
 
@@ -101,6 +103,7 @@ def _sets(table: Table) -> list[dict[str, str]]:
     if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
         raise UsageProblem(where, "is no list of lenses", remedy)
+    _refuse_many(len(sets), where)
     refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
     return [
         {name: checked(name, value, f"{where}: {name}") for name, value in one.items()}
@@ -128,6 +131,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
     ):
         if wrong:
             raise UsageProblem(where, problem, remedy)
+    _refuse_many(count, where)
     to, back = _SCALES[scale]
     shares = (index / (count - 1) for index in range(1, count - 1))
     between = [back((1 - share) * to(low) + share * to(high)) for share in shares]

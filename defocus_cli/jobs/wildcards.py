@@ -12,18 +12,28 @@ from defocus_cli.system.errors import InputError
 
 _WILDCARD = re.compile(r"(\*+|\?|\[[^\]]+\])")
 
+_Piece = tuple[str, str]  # what the wildcards of a part stand for; the same with the text before
+
 
 def has_wildcard(pattern: str | Path) -> bool:
     """Whether a path holds ``*``, ``?`` or ``[…]``."""
     return _WILDCARD.search(str(pattern)) is not None
 
 
-def matching(folder: Path, pattern: str | Path) -> Iterator[tuple[str, Path]]:
+def texts_before(pattern: str | Path) -> list[str]:
+    """The text before each wildcard of a pattern, within its part of the path."""
+    return [text for part in Path(pattern).parts for text in _WILDCARD.split(part)[:-1:2]]
+
+
+def matching(
+    folder: Path, pattern: str | Path, *, with_text: bool = False
+) -> Iterator[tuple[str, Path]]:
     """Name and path of each file or folder that a pattern matches; hidden ones are left out.
 
     Args:
         folder: the folder that the pattern starts from.
         pattern: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
+        with_text: the names hold the text before the wildcards, too: ``s*`` gives s1, and not 1.
 
     Raises:
         InputError: a folder cannot be looked into, or holds a link to itself.
@@ -31,11 +41,12 @@ def matching(folder: Path, pattern: str | Path) -> Iterator[tuple[str, Path]]:
     parts = Path(os.path.normpath(pattern)).parts
     parts += ("*",) * (parts[-1] == "**")
     for path, pieces in _walk(folder, parts):
-        yield "_".join(filter(None, pieces)) or path.stem, path
+        names = (piece[with_text] for piece in pieces)
+        yield "_".join(filter(None, names)) or path.stem, path
 
 
-def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[str]]]:
-    """Paths below a folder that match the parts of a pattern, and what each wildcard stands for."""
+def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piece]]]:
+    """Paths below a folder that match the parts of a pattern, and the pieces of their names."""
     part, rest = parts[0], parts[1:]
     needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
     if not os.access(folder, needed):
@@ -53,7 +64,7 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[str]]
                 yield below, pieces + more
 
 
-def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[str]]]:
+def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece]]]:
     """Entries of a folder that match one part of a pattern; of a file's suffix, nothing is kept."""
     if not has_wildcard(part):
         if os.path.lexists(folder / part):
@@ -68,12 +79,16 @@ def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, lis
             continue
         match = re.fullmatch(expression, name, re.DOTALL)
         end = len(path.stem) if last else len(name)
-        spans = match.regs[1:] if match else ()
-        yield path, [name[start : min(stop, end)] for start, stop in spans]
+        spans = [(start, min(stop, end)) for start, stop in match.regs[1:]] if match else []
+        text = name[: spans[-1][1]] if spans else ""
+        yield path, [("_".join(name[a:b] for a, b in spans if a < b), text.lstrip("."))]
 
 
 def _refuse_circle(folder: Path) -> None:
-    """Refuse a link to a folder that it is in: ``**`` would follow it again and again."""
-    if folder.is_symlink() and folder.parent.resolve().is_relative_to(folder.resolve()):
+    """Refuse a link to a folder that it is in or that led to it: ``**`` would go round forever."""
+    if not folder.is_symlink():
+        return
+    real = folder.parent.resolve()
+    if folder.resolve() in {real, *real.parents, *(above.resolve() for above in folder.parents)}:
         problem = "is a symbolic link to a folder that it is in"
         raise InputError(folder, problem, "remove it, or use a narrower pattern")

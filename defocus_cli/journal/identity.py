@@ -54,7 +54,7 @@ def settings(job: Job) -> dict[str, Any]:
 
 def recipe(job: Job) -> str:
     """The hash of all that decides the outputs of a job, but what its inputs hold."""
-    names = {role: path.name for role, path in job.picture.files.items()}
+    names = {role: path.name for role, path in job.files.items()}
     return digest({"settings": settings(job), "names": names, "renderer": renderer_version()})
 
 

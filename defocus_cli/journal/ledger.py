@@ -76,7 +76,7 @@ class Ledger:
         if record["status"] == "failed" or record["recipe"] != recipe:
             return None
         moved = {}
-        for role, path in job.picture.files.items():
+        for role, path in job.files.items():
             stamp = record["inputs"].get(role, {})
             if not path.exists() and record["status"] == "ok":
                 continue  # an input that is gone cannot change the outputs

@@ -1,6 +1,6 @@
 """Options that commands share, bundled: a command receives one object for each group.
 
-``@reading_options`` adds ``--depth-unit``, … and hands the command ``reading: Reading``.
+``@output_options`` adds ``--out``, … and hands the command ``outputs: Outputs``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import Any
 
 import click
 
-from defocus_cli.formats.depth_conventions import CONVENTIONS
 from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import (
     DEPTH_REPAIRS,
@@ -21,7 +20,6 @@ from defocus_cli.jobs.job import (
     TILES,
     Machine,
     Outputs,
-    Reading,
 )
 from defocus_cli.jobs.quantities import byte_count, pixel_count
 from defocus_cli.options.types import (
@@ -42,30 +40,6 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def reading_options(command: Command) -> Command:
-    """Hand a command ``reading``: what to take from the input files."""
-    option = functools.partial(grouped_option, "Files")
-    return bundle(
-        "reading",
-        Reading,
-        [
-            option(
-                "--depth-unit",
-                type=click.Choice(list(CONVENTIONS)),
-                help="Unit of the depth.  [default: m; mm in 16-bit PNG]",
-            ),
-            option("--depth-channel", metavar="NAME", help="Depth channel of an EXR."),
-            option("--color-layer", metavar="NAME", help="Colour layer of an EXR."),
-            option(
-                "--part",
-                type=click.IntRange(min=0),
-                metavar="N",
-                help="Part of an EXR, or page of a TIFF, to look in, from 0.",
-            ),
-        ],
-    )(command)
 
 
 def hidden_option(command: Command) -> Command:

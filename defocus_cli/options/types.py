@@ -147,7 +147,8 @@ def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) ->
         optioned: Any = call
         for option in reversed(options):
             optioned = option(optioned)
-        keys = [param.name for param in optioned.__click_params__[-len(options) :]]
+        added = optioned.__click_params__[-len(options) :]
+        keys = {param.name for param in added}  # two flags may set one value
         return call
 
     return decorate

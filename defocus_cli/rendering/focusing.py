@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_cli.formats.depth import Depth
+    from defocus_cli.depth_formats.depth import Depth
     from defocus_core import DefocusLens
 
 MM_PER_M = 1000.0
@@ -91,7 +91,7 @@ def repair_of(lens: Lens, depth: Depth) -> str:
     height, width = depth.metres.shape
     keeping = Keeping(scratch=isinstance(depth.metres, Scratch))
     radius = Windows([radius_map(lens, depth, keeping)[0]], "cpu", lone=True)
-    infinity = radius_at_infinity(lens, (width, height))
+    infinity = None if depth.is_radius else radius_at_infinity(lens, (width, height))
     return repair_words(diagnose_depth(radius, infinity, torch.get_num_threads()))
 
 
@@ -103,6 +103,8 @@ def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[f
     """
     metres = depth.metres
     height, width = metres.shape
+    if depth.is_radius:
+        return metres, _ends_of_radii(depth)
     whole = keeping.new((height, width), "float32")
     ends = []
     for rows in bands(metres.shape):
@@ -117,6 +119,21 @@ def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[f
             problem = f"is blurred by {ends[-1]:.2g} px: focus is hardly beyond the focal length"
             raise InputError(depth.path, problem, "give --focus in the scene")
     return whole, (min(ends), max(ends))
+
+
+def _ends_of_radii(depth: Depth) -> tuple[float, float]:
+    """The least and greatest radius of a file of radii, in px.
+
+    Raises:
+        InputError: a radius is so large that no frame would hold the blur.
+    """
+    of_bands = [depth.metres[rows] for rows in bands(depth.metres.shape)]
+    least = min(float(radius.min()) for radius in of_bands)
+    most = max(float(radius.max()) for radius in of_bands)
+    if max(-least, most) > _MOST_PX:
+        problem = f"has a CoC radius of {max(-least, most):.2g} px"
+        raise InputError(depth.path, problem, "check --depth-format coc")
+    return least, most
 
 
 def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
@@ -140,6 +157,9 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
 
 def _focused_once(lens: Lens, depth: Depth) -> Lens:
     """The lens with the focus distance that the depth decides."""
+    if depth.is_radius and (lens.focus_at is not None or lens.focus_percentile is not None):
+        problem = f"asks for a distance, and {depth.path} holds radii"
+        raise UsageProblem(f"{lens.focus_source}focus", problem, "give the focus as a distance")
     if lens.focus_at is not None:
         return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
     if lens.focus_percentile is not None:
@@ -193,7 +213,9 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
     strips = (depth.metres[rows] for rows in bands(depth.metres.shape))
     ends = np.array([(metres.min(), metres.max()) for metres in strips])
     extremes = np.array([ends.min(), ends.max()])
-    radius = float(np.abs(signed_radius(lens, extremes, (width, height))).max())
+    if not depth.is_radius:
+        extremes = signed_radius(lens, extremes, (width, height))
+    radius = float(np.abs(extremes).max())
     if radius > lens.max_coc:
         problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
         raise Rejected(depth.path, problem, "allow a larger max-coc", "coc-too-large")

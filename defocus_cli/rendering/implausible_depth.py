@@ -17,7 +17,7 @@ from defocus_cli.system.console import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from defocus_cli.formats.depth import Depth
+    from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.jobs.job import Lens
 
 MM_PER_M = 1000.0
@@ -39,6 +39,8 @@ def implausible(
         lens: its focus distance known.
         declared: whether the user said what the numbers of the depth mean.
     """
+    if depth.is_radius:  # then no distance is taken for another
+        return ()
     files = () if declared else _of_file(depth)
     return (*_of_radii(depth, radius, ends, lens, declared=declared), *files)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job, Picture, Reading
@@ -18,8 +19,8 @@ from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
+    from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
-    from defocus_cli.formats.depth import Depth
 
 
 def load_inputs(job: Job) -> Loaded:
@@ -33,10 +34,10 @@ def load_inputs(job: Job) -> Loaded:
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
-    color, depth = read(picture, job.reading, held.keeping)
+    color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
     if picture.hidden is None or not job.outputs.need_rendering:
         return Loaded(held, color, depth)
-    behind, behind_depth = read(picture.hidden, job.reading, held.keeping)
+    behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
     if behind.shape != color.shape:
         size, wanted = (
             f"{width}x{height} px of {channels} channels"
@@ -87,7 +88,7 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
         warnings=(
-            *implausible(loaded.depth, radius, ends, lens, declared=job.reading.depth_declared),
+            *implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale),
             *_warnings(loaded),
         ),
     )
@@ -97,7 +98,8 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
 def _warnings(loaded: Loaded) -> tuple[str, ...]:
     """Warnings about what the files hold and the renderer ignores."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
-    return *loaded.color.warnings, *(f"hidden: {warning}" for warning in behind)
+    of_hidden = (f"hidden: {warning}" for warning in behind)
+    return *loaded.color.warnings, *loaded.depth.warnings, *of_hidden
 
 
 def load() -> None:
@@ -133,9 +135,13 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     """
     if reading.part is None:
         return None, None
+    from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
+    from defocus_cli.system.safe_files import read_head
 
+    if container_type(read_head(picture.depth, 32)):  # which has frames
+        return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
     paths = (picture.color, picture.depth)
     color, depth = (len(describe(path).parts) for path in paths)
     if picture.color == picture.depth or max(color, depth) == 1:
@@ -143,40 +149,46 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     return reading.part if color > 1 else None, reading.part if depth > 1 else None
 
 
-def read(picture: Picture, reading: Reading, keeping: Keeping = IN_MEMORY) -> tuple[Color, Depth]:
+def read(
+    picture: Picture,
+    reading: Reading,
+    keeping: Keeping = IN_MEMORY,
+    lens_focal: float | None = None,
+) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid.
 
     Args:
         picture: where they are.
         reading: options that say how to read them.
         keeping: whether they go to memory or to scratch files.
+        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
 
     Raises:
         InputError: a file cannot be used.
+        UsageProblem: the options make no sense for it.
     """
+    from defocus_cli.depth_formats.depth import read_depth, require_valid, resized
     from defocus_cli.formats.color import read_color, require_finite
-    from defocus_cli.formats.depth import read_depth, require_valid
 
     shared = picture.color == picture.depth
     color_part, depth_part = parts_of(picture, reading)
     color = read_color(picture.color, layer=reading.color_layer, part=color_part, keeping=keeping)
+    (height, width), deeper = color.shape[:2], replace(reading, part=depth_part)
     depth = read_depth(
-        picture.depth,
-        channel=reading.depth_channel,
-        part=depth_part,
-        unit=reading.depth_unit,
-        keeping=keeping,
+        picture.depth, deeper, keeping=keeping, size=(width, height), lens_focal=lens_focal
     )
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(picture.color, problem, "give the depth file as a second argument")
-    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
+    rows, columns = depth.metres.shape
     if (height, width) != (rows, columns):
-        raise InputError(
-            picture.depth,
-            f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
-            "give depth of the size of the colour",
-        )
+        if reading.resize_depth is None:
+            raise InputError(
+                picture.depth,
+                f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
+                "give depth of the size of the colour, or say --resize-depth nearest",
+            )
+        depth = resized(depth, (width, height), keeping)
     require_valid(depth)
     require_finite(color)
     return color, depth

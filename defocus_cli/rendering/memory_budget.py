@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -147,7 +148,9 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
 
     try:
         pixels, native, color_whole, count = pixel_bytes(picture.color)
-        _, _, depth_whole, _ = pixel_bytes(picture.depth)
+        depth_whole = 0.0
+        with suppress(InputError):  # rows without a header say nothing of themselves
+            _, _, depth_whole, _ = pixel_bytes(picture.depth)
         arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
     except InputError:  # who decodes it says it better
         return 0, 0.0, 0.0, 0

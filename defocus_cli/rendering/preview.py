@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.formats.color_space import quantised
 from defocus_cli.formats.encode import display_encoded, write_samples
-from defocus_cli.formats.srgb_curve import quantised
 from defocus_cli.system.arrays import bands
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from defocus_core import Behind, Stream, Views
 
 Progress = Callable[[int, int], None]
+# Share of the pixels of left or right from which on a warning says that they were negative.
+_MANY_CLAMPED = 0.01
 
 
 def rendered(
@@ -52,8 +54,18 @@ def rendered(
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
+        warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
     return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
+
+
+def _clamped(stats: Mapping[str, float]) -> list[str]:
+    """A warning if many pixels of left or right were negative."""
+    share = stats.get("pixels_clamped", 0) / stats["pixels"]
+    if share < _MANY_CLAMPED:
+        return []
+    why = "detail as fine as a pixel overshoots in half a lens"
+    return [f"left, right: below 0 in {100 * share:.0f} % of the pixels, and made 0: {why}"]
 
 
 def _fill(
@@ -96,6 +108,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = Windows(loaded.color.planes, device)
+    infinity = None if loaded.depth.is_radius else radius_at_infinity(lens, outcome.size)
     return Stream(
         image,
         Windows([radius], device, lone=True),
@@ -105,7 +118,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
             left_right=any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,
             tile=job.machine.tile,
-            infinity=radius_at_infinity(lens, outcome.size),
+            infinity=infinity,
             depth_repair=job.machine.depth_repair,
         ),
         None if loaded.behind is None else _behind(loaded, outcome),

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import KINDS, MAPS, Kind
-from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.formats.kinds import KINDS, MAPS
+from defocus_cli.jobs.job import Lens, Reading, lens_record
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.memory import MB
@@ -17,7 +16,8 @@ from defocus_cli.system.memory import MB
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from defocus_cli.formats.depth import Depth
+    from numpy.typing import NDArray
+
     from defocus_cli.formats.describe import FileInfo
 
 # A file with more numbers, 256 MB as floats, is read into scratch files.
@@ -27,49 +27,7 @@ _MOST_AT_ONCE = 512
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2}
 
 
-@dataclass(frozen=True)
-class ColorFound:
-    """Colour that ``defocus render`` would take."""
-
-    note: str
-    channels: tuple[str, ...]
-    nonfinite: int  # pixels that are NaN or infinite
-
-
-@dataclass(frozen=True)
-class DepthFound:
-    """Depth that ``defocus render`` would take; ranges are None where no pixel has a depth."""
-
-    note: str
-    range_m: tuple[float, float] | None  # without sky
-    sky: int
-    invalid: int
-    lens: Lens | None  # with the focus distance that --focus-at found
-    coc_px: tuple[float, float] | None  # sky included; None without a lens
-    repair: str = ""  # what would be done to it before it is rendered with the lens
-
-
-@dataclass(frozen=True)
-class MapFound:
-    """A map that ``defocus render`` wrote."""
-
-    kind: Kind
-    range: tuple[float, float] | None  # in the unit of the kind; None where no pixel is finite
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """What is in a file; where colour or depth is missing, the note says why."""
-
-    info: FileInfo
-    color: ColorFound | None
-    color_note: str
-    depth: DepthFound | None
-    depth_note: str
-    maps: tuple[MapFound, ...] = ()
-
-
-def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> Inspection:
+def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
     """Read a file as ``defocus render`` would, and say what is in it.
 
     Args:
@@ -78,36 +36,57 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> I
         lens: what to say the blur of; None for none.
         lone: no other file may have the part that is asked for.
 
+    Returns:
+        What ``defocus info --json`` prints of the file.
+
     Raises:
         InputError: the file cannot be read, or does not have what ``reading`` names.
         UsageProblem: the options make no sense for this file.
     """
-    from defocus_cli.formats.color import LARGEST_FLOAT, count_beyond, read_color
-    from defocus_cli.formats.depth import read_depth
+    from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
+    from defocus_cli.reports.depth_evidence import evidence_of, may_be_depth
+    from defocus_cli.system.safe_files import read_head
 
     info = describe(path)
-    if reading.part is not None and (lone or len(info.parts) > 1):
+    has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
+    if reading.part is not None and not has_frames and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
-    channels = sum(len(part.channels) for part in info.parts)
-    keeping = Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
     samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
     decoded = info.at_once * info.width * info.height * samples / MB
-    if decoded > _MOST_AT_ONCE:
-        why = f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
-        return Inspection(info, None, why, None, why)
-    color_note = _why_no_color(info, reading)
-    depth_note = _why_no_depth(info, reading)
+    too_large = f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
+    is_too_large = decoded > _MOST_AT_ONCE
+    color_note = too_large if is_too_large else _why_no_color(info, reading)
+    depth_note = too_large if is_too_large else _why_no_depth(info, reading)
+    channels = sum(len(part.channels) for part in info.parts)
+    keeping = Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
     color = depth = None
     if not color_note:
-        read = read_color(path, layer=reading.color_layer, part=reading.part, keeping=keeping)
-        color = ColorFound(read.note, read.channels, count_beyond(read, LARGEST_FLOAT)[0])
+        color_note, color = _color(path, reading, keeping)
     if not depth_note:
-        channel, unit = reading.depth_channel, reading.depth_unit
-        values = read_depth(path, channel=channel, part=reading.part, unit=unit, keeping=keeping)
-        depth = _summary(values, lens)
-    return Inspection(info, color, color_note, depth, depth_note, _maps(info, keeping))
+        try:
+            depth_note, depth = _depth(path, reading, keeping, lens)
+        except InputError as error:
+            if color is None and not has_frames:
+                raise
+            depth_note = _clause(error)  # a picture without depth, or arrays to choose from
+    maps = _maps(info, keeping)
+    depth_like = may_be_depth(info) or (depth is not None and reading.says_scale)
+    return {
+        "file": str(path),
+        "size": [info.width, info.height],
+        "parts": [
+            {"index": p.index, "name": p.name, "deep": p.deep, "channels": dict(p.channels)}
+            for p in info.parts
+        ],
+        "color": color,
+        "color_note": color_note,
+        "depth": depth,
+        "depth_note": depth_note,
+        "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
+        "maps": maps,
+    }
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
@@ -124,12 +103,21 @@ def _why_no_color(info: FileInfo, reading: Reading) -> str:
 
 def _why_no_depth(info: FileInfo, reading: Reading) -> str:
     """Why a file has no depth; empty if it has."""
+    from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.exr_channels import choose_depth
+    from defocus_cli.system.safe_files import read_head
 
+    row = reading.row
+    if row.rule == "radius":
+        return "holds signed radii in px, which 'defocus render' takes as they are"
+    if reading.depth_format is not None and (row.channels or row.plane is not None):
+        return ""  # the format knows its own channels
     channel = reading.depth_channel
     why, channels = _chosen(info, reading, partial(choose_depth, channel=channel), named=channel)
     if why or channels is None:
         return why
+    if reading.says_scale or container_type(read_head(info.path, 32)):
+        return ""  # who decodes it says it better
     if len(channels) != 1:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
@@ -160,38 +148,26 @@ def _chosen(
     return "", None
 
 
-def _maps(info: FileInfo, keeping: Keeping) -> tuple[MapFound, ...]:
-    from defocus_cli.formats.exr import read_parts
+def _color(path: Path, reading: Reading, keeping: Keeping) -> tuple[str, dict[str, Any]]:
+    """How the colour would be read, and what is said of it."""
+    from defocus_cli.formats.color import LARGEST_FLOAT, count_beyond, read_color
 
-    if not any(name in MAPS for part in info.parts for name, _ in part.channels):
-        return ()
-    maps = []
-    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in MAPS):
-        maps += [MapFound(KINDS[kind], _range(plane)) for kind, plane in part.channels.items()]
-    return tuple(maps)
+    color = read_color(path, layer=reading.color_layer, part=reading.part, keeping=keeping)
+    nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
+    return color.note, {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
 
 
-def _range(values: Any) -> tuple[float, float] | None:
-    """Least and greatest of the finite values [H, W]; None if there are none."""
+def _depth(
+    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None
+) -> tuple[str, dict[str, Any]]:
+    """How the depth would be read, and what is said of it; ranges are None without valid pixels."""
     import numpy as np
 
-    ends = []
-    for rows in bands(values.shape):
-        band = values[rows]
-        band = band[np.isfinite(band)]
-        ends += [float(band.min()), float(band.max())] if band.size else []
-    return (min(ends), max(ends)) if ends else None
-
-
-def _clause(error: InputError) -> str:
-    return f"{error.problem}; {error.remedy}" if error.remedy else error.problem
-
-
-def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
-    import numpy as np
-
+    from defocus_cli.depth_formats.depth import read_depth
     from defocus_cli.rendering import focusing
 
+    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
+    depth = read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
     height, width = depth.metres.shape
     sky = valid = 0
     ends: list[float] = []  # of valid depth, sky included
@@ -200,24 +176,55 @@ def _summary(depth: Depth, lens: Lens | None) -> DepthFound:
         metres = depth.metres[rows][depth.valid(rows)]
         finite = metres[np.isfinite(metres)]
         sky, valid = sky + metres.size - finite.size, valid + metres.size
-        ends += [float(metres.min()), float(metres.max())] if metres.size else []
-        finite_ends += [float(finite.min()), float(finite.max())] if finite.size else []
+        ends += _ends(metres)
+        finite_ends += _ends(finite)
     coc_px, repair = None, ""
     if lens is not None and ends:
         lens = focusing.focused(lens, depth)
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(ends), max(ends)], np.float32)
-        near, far = focusing.signed_radius(lens, extremes, (width, height))
-        coc_px = (float(near), float(far))
+        coc_px = [float(r) for r in focusing.signed_radius(lens, extremes, (width, height))]
         if valid == height * width:
             with suppress(InputError):  # too near to be rendered, as the radius shows
                 repair = focusing.repair_of(lens, depth)
-    return DepthFound(
-        note=depth.note,
-        range_m=(min(finite_ends), max(finite_ends)) if finite_ends else None,
-        sky=sky,
-        invalid=height * width - valid,
-        lens=lens,
-        coc_px=coc_px,
-        repair=repair,
-    )
+    return depth.note, {
+        "range_m": [min(finite_ends), max(finite_ends)] if finite_ends else None,
+        "sky_pixels": sky,
+        "invalid_pixels": height * width - valid,
+        "lens": lens_record(lens) if lens else None,
+        "coc_px": coc_px,
+        "repair": repair,
+    }
+
+
+def _ends(values: NDArray[Any]) -> list[float]:
+    """Least and greatest; nothing of none."""
+    return [float(values.min()), float(values.max())] if values.size else []
+
+
+def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
+    """The maps that ``defocus render`` wrote, and the range of their finite values."""
+    import numpy as np
+
+    from defocus_cli.formats.exr import read_parts
+
+    is_map = any(name in MAPS for part in info.parts for name, _ in part.channels)
+    if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
+        return []
+    maps = []
+    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in MAPS):
+        for kind, plane in part.channels.items():
+            values = (plane[rows] for rows in bands(plane.shape))
+            ends = [end for band in values for end in _ends(band[np.isfinite(band)])]
+            maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
+    return maps
+
+
+def range_key(kind: str) -> str:
+    """The key of the range of a map in a record, which names its unit."""
+    unit = KINDS[kind].unit
+    return f"range_{unit}" if unit else "range"
+
+
+def _clause(error: InputError) -> str:
+    return f"{error.problem}; {error.remedy}" if error.remedy else error.problem

@@ -21,6 +21,7 @@ _LINES = (
     ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
     ("layer_pixels_done", "layer_pixels", "pixels of layers, within the rectangles they lie in"),
     ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
+    ("pixels_clamped", "pixels", "pixels of left or right below 0, made 0"),
     ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
     ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
 )
@@ -30,7 +31,7 @@ def plan_record(job: Job) -> dict[str, Any]:
     """Inputs, lens and outputs of a job, for JSON."""
     return {
         "stem": job.sample_id,
-        **{role: str(path) for role, path in job.picture.files.items()},
+        **{role: str(path) for role, path in job.files.items()},
         "lens": lens_record(job.lens),
         "outputs": {kind: str(path) for kind, path in job.paths.items()},
         "previews": {kind: str(path) for kind, path in job.previews.items()},
@@ -39,7 +40,7 @@ def plan_record(job: Job) -> dict[str, Any]:
 
 def plan_line(job: Job) -> str:
     """Inputs, lens and outputs of a job, in words."""
-    inputs = dict.fromkeys(map(str, job.picture.files.values()))
+    inputs = dict.fromkeys(map(str, job.files.values()))
     return (
         f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
         f"would write {_written_words(job)}"

@@ -24,18 +24,20 @@ class UserError(click.ClickException):
         subject: the file or option concerned.
         problem: what is wrong with it, without a full stop.
         remedy: what to do about it; the empty string if there is nothing to propose.
+        code: why a picture is `Rejected`, for programs.
     """
 
-    def __init__(self, subject: str | Path, problem: str, remedy: str = "") -> None:
+    def __init__(self, subject: str | Path, problem: str, remedy: str = "", code: str = "") -> None:
         self.subject = printable(str(subject))
         self.problem = one_line(problem)
         self.remedy = one_line(remedy)
+        self.code = code
         line = f"{self.subject}: {self.problem}"
         super().__init__(f"{line}; {self.remedy}" if self.remedy else line)
 
-    def __reduce__(self) -> tuple[type[UserError], tuple[str, str, str]]:
+    def __reduce__(self) -> tuple[type[UserError], tuple[str, str, str, str]]:
         # By default an exception unpickles from its message alone; workers send these home.
-        return type(self), (self.subject, self.problem, self.remedy)
+        return type(self), (self.subject, self.problem, self.remedy, self.code)
 
     def show(self, file: IO[Any] | None = None) -> None:
         """Print the line to stderr, or to ``file``."""
@@ -56,6 +58,10 @@ class InputError(UserError):
 
 class TooLarge(InputError):  # noqa: N818 - it is said of a file
     """A picture does not fit into memory."""
+
+
+class Rejected(InputError):  # noqa: N818 - it is no error of the user's
+    """A picture that a lens cannot take as asked."""
 
 
 class Interrupted(click.ClickException):
@@ -100,14 +106,3 @@ def reason(error: BaseException) -> str:
     """The message of any exception, as one clause without a full stop."""
     message = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return one_line(message).rstrip(".")
-
-
-class Rejected(InputError):  # noqa: N818 - it is no error of the user's
-    """A picture that a lens cannot take as asked; ``code`` says why, for programs."""
-
-    def __init__(self, subject: object, problem: str, remedy: str = "", code: str = "") -> None:
-        super().__init__(str(subject), problem, remedy)
-        self.code = code
-
-    def __reduce__(self) -> tuple[type[Rejected], tuple[str, str, str, str]]:  # type: ignore[override]
-        return type(self), (self.subject, self.problem, self.remedy, self.code)

@@ -24,6 +24,8 @@ _STEEP = 1e9
 _CERTAIN = 100
 # Greatest error of full coverage by transforms, in roundings.
 _FULL = 8
+# Negative light of this share of the brightest pixel is not worth a warning.
+_NEGLIGIBLE = 1e-3
 # Shares of the aperture that differ by less are equal.
 _EQUAL = 1e-6
 
@@ -155,6 +157,23 @@ def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: boo
     total = seen.sum(0) if len(seen) > 1 else seen[0]
     image = total[:-1] / total[-1:]
     return image if signed else image.clamp_(min=0)
+
+
+def count_negative(halves: Tensor, brightest: float) -> dict[str, int]:
+    """Count the pixels whose left or right image is negative, which `pair_of` makes 0.
+
+    A half of the aperture overshoots where detail is as fine as a pixel. What is smaller than a
+    thousandth of the brightest is not counted, and on a GPU nothing is: each tile would have to
+    wait for its count.
+
+    Args:
+        halves: [2, C, h, w], left and right as composited.
+        brightest: Light of the brightest pixel that is not a highlight.
+    """
+    if not halves.is_cpu:
+        return {}
+    least = halves.detach().amin(dim=(0, 1))
+    return {"pixels_clamped": int((least < -_NEGLIGIBLE * brightest).sum())}
 
 
 def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:

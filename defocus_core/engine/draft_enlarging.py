@@ -12,7 +12,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from defocus_core.compositing.saturating_sum import pair_of
+from defocus_core.compositing.saturating_sum import count_negative, pair_of
 from defocus_core.engine.draft_cells import HalfSize, means
 from defocus_core.engine.draft_detail import AROUND, Original, share_left, smooth, with_detail
 from defocus_core.engine.frame import Frame
@@ -82,13 +82,13 @@ class Enlarging:
             ]
             tile = recomputed(partial(self._tile, cells))
             for part in threaded(tile, tiles, self._threads):
-                yield part._replace(stats=counts)
+                yield part._replace(stats=added([counts, part.stats]))
                 counts = {}
             first = max(ready - _AROUND, cells.box.top)
             done, kept = ready, [[cells.within(Box(first, 0, end - first, width))]]
 
     def _tile(self, cells: Views, tile: Box) -> Views:
-        """A tile of cells in pixels, without counts."""
+        """A tile of cells in pixels, which counts those that are clamped."""
         wide = tile.grown(1, self._frame.box)  # for gradients of detail
         around = wide.grown(AROUND, self._frame.box)
         part, rendered = wide.seen_from(around), cells.within(around)
@@ -97,15 +97,17 @@ class Enlarging:
         px = (self._px(wide).of(x).to(images.dtype) for x in self._in_px)
         original = Original(own[:-1], own[-1] / self._unit, *px)
         images = with_detail(images[:, :-1], images[:, -1] / self._unit, original, part)
-        if not self._frame.content.signed:
+        content, counts, box = self._frame.content, dict[str, int](), self._px(tile)
+        inner = box.seen_from(self._px(wide))
+        if not content.signed:
+            if len(images) > 1:
+                counts |= count_negative(inner.of(images[1:]), content.limit)
             images = images.clamp(min=0)
         if len(images) > 1:
-            pair = pair_of(*images, signed=self._frame.content.signed)
+            pair = pair_of(*images, signed=content.signed)
             images = torch.cat([images[:1], pair])
-        box = self._px(tile)
-        inner = box.seen_from(self._px(wide))
         trust = smooth(rendered.trust[None], part)[0]
-        return Views(list(inner.of(images)), inner.of(trust), {}, box)
+        return Views(list(inner.of(images)), inner.of(trust), counts, box)
 
     def _px(self, cells: Box) -> Box:
         """The pixels of a rectangle of cells."""
@@ -115,4 +117,6 @@ class Enlarging:
         """The counts of a part in cells, with pixels counted in pixels."""
         pixels = self._px(part.box).area
         copied = part.stats["pixels_copied"] * pixels // part.box.area
-        return {**part.stats, "pixels": pixels, "pixels_copied": copied}
+        counts = {**part.stats, "pixels": pixels, "pixels_copied": copied}
+        counts.pop("pixels_clamped", None)  # of cells
+        return counts

@@ -6,6 +6,7 @@ part of the aperture. Hidden layers fill the gaps of visible ones; in focus they
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from defocus_core.blur.layer_blur import Blur, Sliced
@@ -13,7 +14,7 @@ from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.bokeh_discs import draw
 from defocus_core.compositing.frame_border import share_in_frame
 from defocus_core.compositing.highlights import split
-from defocus_core.compositing.saturating_sum import add_light, pair_of, picture
+from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
@@ -175,6 +176,9 @@ class Region:
         cut = sum(part.x1 <= 0 for part in parts[groups[-1]])
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
+        if not signed:
+            of_both = torch.stack([left, right])
+            counts |= count_negative(of_both, frame.content.limit)
         return Views([centre, *pair_of(centre, left, right, signed=signed)], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:

@@ -94,6 +94,17 @@ def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
     assert run("status", out, "--json").json["left"] == 0
 
 
+def test_a_limit_overlooks_no_file_that_a_later_job_would_replace(
+    tmp_path: Path, out: Path
+) -> None:
+    (out / "coc").mkdir(parents=True)
+    (out / "coc" / "b_focus2m.exr").write_text("somebody's own")
+    for _ in range(2):
+        ran = run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
+        refused(ran, 3, "b_focus2m.exr: exists already")
+    assert (out / "coc" / "b_focus2m.exr").read_text() == "somebody's own"
+
+
 def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
     tmp_path: Path, out: Path
 ) -> None:

@@ -177,9 +177,9 @@ def test_machine_options_reach_the_renderer(
     asked: dict[str, Any] = {}
     true_stream = defocus_core.Stream
 
-    def spy(image: Any, radius: Any, **settings: Any) -> Any:
-        asked.update(settings, device=image.device.type)
-        return true_stream(image, radius, **settings)
+    def spy(image: Any, radius: Any, settings: Any, *more: Any, **others: Any) -> Any:
+        asked.update(vars(settings), device=image.device.type)
+        return true_stream(image, radius, settings, *more, **others)
 
     monkeypatch.setattr(defocus_core, "Stream", spy)
     machine = ("--quality", "draft", "--device", "cpu", "--threads", "3", "--tile", "64")
@@ -255,6 +255,21 @@ def test_preview_shows_the_picture_as_it_looks(tmp_path: Path) -> None:
     ((_, samples),) = read_samples(tmp_path / "out" / "render" / "c.preview.png")
     assert samples.dtype == np.uint8
     assert np.abs(samples.astype(int) - 127).max() <= 1  # sRGB of 21.4 % light
+
+
+def test_a_lower_jpeg_quality_makes_a_smaller_and_less_accurate_file(tmp_path: Path) -> None:
+    args = (*pair(tmp_path), "--format")
+    render(*args, "png", "-o", tmp_path / "exact")
+    ((_, exact),) = read_samples(tmp_path / "exact" / "render" / "a.png")
+    sizes, errors = [], []
+    for quality in ((), ("--jpeg-quality", "95"), ("--jpeg-quality", "50")):
+        out = tmp_path / f"out{len(sizes)}"
+        assert render(*args, "jpg", "-o", out, *quality).code == 0
+        ((_, samples),) = read_samples(out / "render" / "a.jpg")
+        sizes.append((out / "render" / "a.jpg").stat().st_size)
+        errors.append(float(np.abs(samples.astype(float) - exact).mean()))
+    assert sizes[0] == sizes[1] > sizes[2]
+    assert errors[0] == errors[1] < errors[2] / 1.5
 
 
 def test_overwrite_with_preview_replaces_both(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from command_line import color_exr, depth_exr, ramp, render, texture
 
 from defocus_core.images.tiling import BLOCK, TILE
@@ -14,9 +15,12 @@ W, H = 3 * TILE, TILE
 
 
 def rendered(
-    tmp_path: Path, metres: np.ndarray[Any, Any], *args: str
+    tmp_path: Path,
+    metres: np.ndarray[Any, Any],
+    *args: str,
+    pixels: np.ndarray[Any, Any] | None = None,
 ) -> tuple[dict[str, int], str]:
-    color = color_exr(tmp_path / "c.exr", texture(W, H))
+    color = color_exr(tmp_path / "c.exr", texture(W, H) if pixels is None else pixels)
     depth = depth_exr(tmp_path / "z.exr", metres)
     ran = render(color, depth, "-o", tmp_path / "out", "--stats", "--json", *args)
     assert ran.code == 0, ran.err
@@ -32,6 +36,24 @@ def test_a_frame_in_focus_is_copied(tmp_path: Path) -> None:
     assert stats["pixels_copied"] == stats["pixels"] == W * H
     assert stats["slice_tiles_blurred"] == 0
     assert f"{W * H} of {W * H}  100 %  pixels copied" in told
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard"])
+def test_pixels_of_left_and_right_that_were_negative_are_counted(
+    quality: str, tmp_path: Path
+) -> None:
+    args = ("--outputs", "render,left,right", "--quality", quality)
+    stats, told = rendered(tmp_path, ramp(W, H), *args)
+    assert stats["pixels_clamped"] < 0.01 * W * H
+    assert "below 0" not in told.partition("slices")[0]
+    dots = (texture(W, H) > 0.95).astype(np.float32)
+    stats, told = rendered(tmp_path, ramp(W, H), "--overwrite", *args, pixels=dots)
+    share = round(100 * stats["pixels_clamped"] / (W * H))
+    assert 2 < share < 30
+    assert f"warning: left, right: below 0 in {share} % of the pixels, and made 0" in told
+    assert f" {share} %  pixels of left or right below 0, made 0" in told
+    stats, _ = rendered(tmp_path, ramp(W, H), "--overwrite", "--quality", quality, pixels=dots)
+    assert "pixels_clamped" not in stats, "there are no halves"
 
 
 def test_what_is_in_focus_is_copied_beside_what_is_not(tmp_path: Path) -> None:

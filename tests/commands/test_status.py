@@ -42,6 +42,14 @@ def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
     assert not list(out.glob(".*"))
 
 
+def test_a_retry_with_nothing_to_do_forgets_no_batch_that_was_stopped(
+    tmp_path: Path, out: Path
+) -> None:
+    run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
+    assert "nothing failed" in run("retry", out).err
+    assert run("status", out, "--json").json["left"] == 3
+
+
 def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path)
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())

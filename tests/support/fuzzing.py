@@ -159,6 +159,10 @@ def case(files: dict[str, bytes], seed: int, index: int) -> tuple[str, bytes]:
 
 def outcome(path: Path) -> dict[str, Any]:
     """``read``, with what info says; ``refused``, with the line; or ``wrong``, with the reason."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    from defocus_cli.formats.raster import read_pages
+    from defocus_cli.formats.tags import set_tag
     from defocus_cli.jobs.job import Reading
     from defocus_cli.reports.inspection import inspect
     from defocus_cli.reports.inspection_report import lines
@@ -167,6 +171,10 @@ def outcome(path: Path) -> dict[str, Any]:
     try:
         inspection = inspect(path, Reading(), None, lone=True)
         text = "\n".join(lines(inspection))
+        if path.suffix in (".png", ".jpg", ".tif"):
+            for page in read_pages(path):
+                for name, tag in page.tags.items():  # as they would be written
+                    set_tag(oiio.ImageSpec(), name, tag)
     except UserError as error:
         return _judged(error, error.format_message())
     except BaseException as error:

@@ -26,7 +26,7 @@ from defocus_cli.compare.comparison import compare_pair
 from defocus_cli.compare.pairing import Pair
 from defocus_cli.compare.record import Settings
 from defocus_cli.compare.thresholds import Rules
-from defocus_cli.formats.srgb_curve import linear_to_srgb, srgb_to_linear
+from defocus_cli.formats.color_space import linear_to_srgb, srgb_to_linear
 
 
 def compared(a: Path, b: Path, rules: Rules | None = None, settings: Settings | None = None) -> Any:

@@ -11,8 +11,8 @@ import pytest
 from command_line import WIDTH, depth_exr, ramp, read_exr, refused_input, render, run, texture
 
 from defocus_cli.formats.color import read_color
+from defocus_cli.formats.color_space import srgb_to_linear
 from defocus_cli.formats.describe import describe
-from defocus_cli.formats.srgb_curve import srgb_to_linear
 from defocus_cli.system.errors import InputError
 
 THUMBNAIL = 1

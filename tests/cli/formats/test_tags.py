@@ -16,6 +16,7 @@ PHOTOGRAPH = {
     "FNumber": 2.8,
     "Exif__FocalLength": 50.0,
     "Exif__DateTimeOriginal": "2020:01:02 03:04:05",
+    "Exif__PhotographicSensitivity": 400,
     "GPS__LatitudeRef": "N",
 }
 OF_ENCODING = {"Orientation": 3, "Exif__PixelXDimension": 7, "Exif__ColorSpace": 65535}
@@ -42,6 +43,8 @@ def test_camera_and_author_are_kept(suffix: str, kept_by: str, tmp_path: Path) -
     (written,) = (tmp_path / "out" / "render").iterdir()
     kept = tags(written)
     for name in PHOTOGRAPH:
+        if name == "Exif__PhotographicSensitivity" and "tif" in suffix + kept_by:
+            continue  # OpenImageIO writes no whole numbers of EXIF into a TIFF
         assert kept[name.replace("__", ":")] == known[name.replace("__", ":")], name
     assert kept["Software"] == "defocus"
     assert kept.get("Orientation", 1) == 1, "the pixels are upright, and would be turned again"
@@ -49,22 +52,31 @@ def test_camera_and_author_are_kept(suffix: str, kept_by: str, tmp_path: Path) -
     assert kept.get("Exif:ColorSpace", 1) == 1
 
 
+def test_text_that_is_not_utf_8_is_taken_for_latin_1(tmp_path: Path) -> None:
+    samples = (255 * texture(WIDTH, HEIGHT)).astype(np.uint8)
+    photo = save(tmp_path / "photo.jpg", samples, Artist="J?rgen")
+    photo.write_bytes(photo.read_bytes().replace(b"J?rgen", b"J\xfcrgen"))
+    args = (photo, depth_exr(tmp_path / "depth.exr"), "-o", tmp_path / "out")
+    ran = render(*args, "--format", "jpg")
+    assert ran.code == 0, ran.err
+    assert tags(tmp_path / "out" / "render" / "photo.jpg")["Artist"] == "J\xfcrgen"
+
+
+def test_tags_that_are_too_long_for_a_jpeg_are_left_out(tmp_path: Path) -> None:
+    """libjpeg ends the process if they are more than 64 KB."""
+    groups = ("Exif__LensModel", "Exif__UserComment", "Exif__LensMake", "Exif__BodySerialNumber")
+    long = dict.fromkeys((*groups, "ImageDescription", "Artist", "Copyright"), "é" * 10000)
+    samples = (255 * texture(WIDTH, HEIGHT)).astype(np.uint8)
+    photo = save(tmp_path / "photo.png", samples, Make="camera", **long)
+    args = (photo, depth_exr(tmp_path / "depth.exr"), "-o", tmp_path / "out")
+    ran = render(*args, "--format", "jpg")
+    assert ran.code == 0, ran.err
+    kept = tags(tmp_path / "out" / "render" / "photo.jpg")
+    assert kept["Make"] == "camera"
+    assert "Artist" not in kept
+
+
 def test_exr_takes_no_tags_of_a_photograph(tmp_path: Path) -> None:
     photo, depth = photograph(tmp_path, ".jpg"), depth_exr(tmp_path / "depth.exr")
     assert render(photo, depth, "-o", tmp_path / "out").code == 0
     assert "FNumber" not in tags(tmp_path / "out" / "render" / "photo.exr")
-
-
-def test_a_lower_jpeg_quality_makes_a_smaller_and_less_accurate_file(tmp_path: Path) -> None:
-    args = (photograph(tmp_path, ".png"), depth_exr(tmp_path / "depth.exr"), "--format", "jpg")
-    sizes, errors = [], []
-    render(*args[:2], "-o", tmp_path / "exact", "--format", "png")
-    exact = oiio.ImageBuf(str(tmp_path / "exact" / "render" / "photo.png"))
-    for quality in ((), ("--jpeg-quality", "95"), ("--jpeg-quality", "50")):
-        out = tmp_path / f"out{len(sizes)}"
-        assert render(*args, "-o", out, *quality).code == 0
-        path = out / "render" / "photo.jpg"
-        sizes.append(path.stat().st_size)
-        errors.append(oiio.ImageBufAlgo.compare(oiio.ImageBuf(str(path)), exact, 0, 0).meanerror)
-    assert sizes[0] == sizes[1] > sizes[2]
-    assert errors[0] == errors[1] < errors[2] / 1.5

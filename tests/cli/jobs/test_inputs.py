@@ -59,6 +59,36 @@ def test_patterns_pair_by_what_their_wildcards_stand_for(tmp_path: Path) -> None
     assert names(found) == ["1", "2"]
 
 
+@pytest.mark.parametrize(
+    ("color", "depth", "named"),
+    [
+        ("scenes/s*/rgb.exr", None, ["spheres", "street"]),
+        ("scenes/s*/rgb.exr", "scenes/s*/z.exr", ["spheres", "street"]),
+        ("seq/frame.*.exr", "seq/frame.*.npy", ["frame.0001", "frame.0002"]),
+        ("seq/frame.*.exr", "seq/z.*.npy", ["0001", "0002"]),
+        ("seq/frame.00[0-9][0-9].exr", "seq/frame.00??.npy", ["frame.0001", "frame.0002"]),
+    ],
+)
+def test_a_name_has_the_text_before_a_wildcard_that_all_patterns_share(
+    tmp_path: Path, color: str, depth: str | None, named: list[str]
+) -> None:
+    touch(tmp_path, *(f"scenes/{s}/{f}.exr" for s in ("spheres", "street") for f in ("rgb", "z")))
+    touch(tmp_path, *(f"seq/{f}" for i in "12" for f in (f"frame.000{i}.exr", f"frame.000{i}.npy")))
+    touch(tmp_path, "seq/z.0001.npy", "seq/z.0002.npy")
+    inputs = f'color = "{color}"' + (f'\ndepth = "{depth}"' if depth else "")
+    assert names(jobs(tmp_path, FIXED, inputs=inputs)) == named
+
+
+def test_links_that_lead_in_a_circle_are_refused(tmp_path: Path) -> None:
+    """Followed to the 40 links that the system allows, two in each folder are 2**40 paths."""
+    touch(tmp_path, "a/rgb.exr", "b/rgb.exr")
+    for number in (1, 2):
+        (tmp_path / f"a/to_b{number}").symlink_to(tmp_path / "b")
+        (tmp_path / f"b/to_a{number}").symlink_to(tmp_path / "a")
+    with pytest.raises(InputError, match="is a symbolic link to a folder that it is in; remove"):
+        jobs(tmp_path, FIXED, inputs='color = "**/*.exr"')
+
+
 def test_folders_and_single_files_pair_as_on_the_command_line(tmp_path: Path) -> None:
     touch(tmp_path, "c/1.png", "d/1.npy", "photo.jpg", "z.exr", "b.exr", "bz.exr")
     found = jobs(tmp_path, FIXED, inputs='color = "c"\ndepth = "d"')
@@ -137,6 +167,7 @@ def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path: Path) ->
         ('[[inputs.pictures]]\ncolor = "1.png"\ndepht = "1"', r"'depht'; did you mean depth\?"),
         ('[[inputs.pictures]]\ncolor = "c.exr"\nfokus = "1"', r"'fokus'; did you mean focus\?"),
         ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = "a/b"', r"stem: 'a/b' cannot name a file"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = ""', r"stem: '' cannot name a file"),
         ('[[inputs.pictures]]\ncolor = "c.exr"\nhidden-depth = "h"', "without hidden-color"),
         ('[[inputs.pictures]]\ncolor = "c.exr"\nfocus = "2"', r"\]\] 1: focus: '2' has no unit"),
     ],

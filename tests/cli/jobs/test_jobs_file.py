@@ -31,7 +31,7 @@ depth-repair = "off"
     outputs = Outputs(tmp_path / "o", overwrite=True)
     job = read_jobs(jobs_file(tmp_path, FIXED + text), outputs, Machine(device="cpu", threads=3))[0]
     assert job.lens == Lens(50.0, 2.0, 2000.0)
-    assert job.reading == Reading("cm", "Z", "beauty", 1)
+    assert job.reading == Reading(depth_unit="cm", depth_channel="Z", color_layer="beauty", part=1)
     kinds = ("render", "coc")
     assert job.outputs == Outputs(tmp_path / "o", kinds, "jpg", preview=True, overwrite=True)
     assert job.machine == Machine("draft", depth_repair="off", device="cpu", threads=3)
@@ -112,7 +112,7 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         (FIXED + "[machine]\ntolerance = '1m'\n", r"tolerance: '1m' has an unknown unit"),
         (FIXED + "[machine]\nthreads = 2\n", r"\[machine\]: unknown key 'threads'; .* quality"),
         (FIXED + "[reading]\ndepth-unit = 'km'\n", r"\[reading\] depth-unit: 'km' is not known"),
-        (FIXED + "[reading]\npart = -1\n", r"part: -1 is not a whole number of 0 or more"),
+        (FIXED + "[reading]\npart = -1\n", r"part: '-1' is not a whole number of 0 or more"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_key(tmp_path: Path, text: str, words: str) -> None:

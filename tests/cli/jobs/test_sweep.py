@@ -7,17 +7,19 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from statistics import mean
+from typing import Any
 
 import pytest
 from jobs_files import FIXED, LENS, jobs, names, touch
 
 from defocus_cli.jobs.job import Job
+from defocus_cli.jobs.lens_options import checked
 from defocus_cli.jobs.random_lenses import drawn_lens
 from defocus_cli.system.errors import UsageProblem
 
 
-def swept(folder: Path, sweep: str, lens: str = "") -> list[Job]:
-    return jobs(folder, f"{LENS}{lens}\n[sweep]\n{sweep}\n")
+def swept(folder: Path, text: str, lens: str = "") -> list[Job]:
+    return jobs(folder, f"{LENS}{lens}\n[sweep]\n{text}\n")
 
 
 def sampled(folder: Path, sample: str, lens: str = "", *, inputs: str = "") -> list[Job]:
@@ -144,6 +146,22 @@ def test_ranges_are_of_any_number(tmp_path: Path) -> None:
 def test_what_is_wrong_in_a_sweep_is_told_with_its_key(tmp_path, sweep, words) -> None:
     with pytest.raises(UsageProblem, match=words):
         swept(tmp_path, sweep, "fnumber = 2" if sweep.startswith("focus") else 'focus = "2m"')
+
+
+@pytest.mark.parametrize("values", ["'1..2 @ 100001'", str([2] * 100_001)])
+def test_a_sweep_that_is_too_long_is_refused_before_its_values_are_read(
+    values: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[object] = []
+
+    def counted(*args: Any) -> str:
+        read.append(args)
+        return checked(*args)
+
+    monkeypatch.setattr("defocus_cli.jobs.sweep.checked", counted)
+    with pytest.raises(UsageProblem, match=r"fnumber: makes 100001 lenses .* at most 100000"):
+        swept(tmp_path, f"fnumber = {values}", 'focus = "2m"')
+    assert len(read) <= 2, "the ends of a range"
 
 
 SAMPLE = 'n = 200\nseed = 7\nfnumber = "loguniform(1.4, 16)"\nfocus = "percentile(5, 95)"\n'

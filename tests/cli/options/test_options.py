@@ -10,11 +10,13 @@ import pytest
 from command_line import pair, refused, render, run
 
 import defocus_core
+from defocus_cli.commands.depth import command as depth_command
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
-from defocus_cli.formats.depth_conventions import CONVENTIONS
+from defocus_cli.depth_formats.table import UNITS
 from defocus_cli.jobs import job
 from defocus_cli.jobs.lens_options import PARSERS
+from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_cli.options import shared
 
 
@@ -34,6 +36,16 @@ def test_every_lens_option_is_a_flag_of_every_command_that_takes_a_lens(
     assert {f"--{name}" for name in PARSERS} | {"--lens"} <= flags
 
 
+@pytest.mark.parametrize("command", [info, render_command, depth_command])
+def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
+    command: click.Command,
+) -> None:
+    flags = {name for param in command.params for name in param.opts}
+    of_color = {"--color-layer", "--resize-depth"} if command is depth_command else set()
+    assert {f"--{name}" for name in NAMES_OF_OPTIONS} - of_color <= flags
+    assert not of_color & flags
+
+
 def test_help_shows_options_under_their_headings() -> None:
     text = run("render", "--help").out
     places = [text.index(f"\n{heading}:") for heading in ("Lens", "Output", "Files", "Machine")]
@@ -50,7 +62,7 @@ def test_help_shows_options_under_their_headings() -> None:
         ("--exr-type", "double", "'half', 'float'"),
         ("--jpeg-quality", "101", "1<=x<=100"),
         ("--device", "tpu", "'auto', 'cpu', 'cuda'"),
-        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in CONVENTIONS)),
+        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in UNITS)),
         (
             "--outputs",
             "render,bokeh",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from defocus_cli.formats.depth import Depth
+from defocus_cli.depth_formats.depth import Depth
 from defocus_cli.jobs.job import Lens
 from defocus_cli.rendering.focusing import radius_map
 from defocus_cli.rendering.implausible_depth import implausible

@@ -1,0 +1,89 @@
+"""``defocus depth``: depth files of any format to EXR in planar metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli.jobs.job import Reading
+from defocus_cli.options import shared
+from defocus_cli.options.reading import depth_reading_options
+from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
+from defocus_cli.rendering.depth_conversion import convert, places, refuse_existing
+from defocus_cli.reports import conversion_report
+from defocus_cli.system import console
+from defocus_cli.system.errors import UserError
+
+
+@click.command(
+    "depth",
+    cls=GroupedCommand,
+    short_help="Convert depth files of any format to EXR in planar metres.",
+)
+@click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
+@grouped_option(
+    "Output",
+    "-o",
+    "--out",
+    type=FilePath(),
+    required=True,
+    metavar="OUT",
+    help="File to write, ending in .exr; or a directory for <stem>.exr of each FILE.",
+)
+@grouped_option(
+    "Output", "--preview", is_flag=True, help="Also write <stem>.preview.png, near is bright."
+)
+@grouped_option("Output", "--overwrite", is_flag=True, help="Replace files that are there.")
+@depth_reading_options
+@shared.json_option
+def command(
+    files: tuple[Path, ...],
+    out: Path,
+    preview: bool,
+    overwrite: bool,
+    reading: Reading,
+    as_json: bool,
+) -> None:
+    """Convert depth files to EXR: channel Z, float, planar metres, inf for sky.
+
+    What the numbers of a file mean is said by --depth-format, whose names 'defocus help depth'
+    lists, or by --depth-unit, --depth-kind and the other options; nothing is guessed. All FILES are
+    read alike. A file that cannot be converted is named, and the others are converted.
+
+    \b
+    With --json, "files" has of each:
+      file, out    the paths
+      size         width and height in px
+      range_m      the nearest and the farthest depth but sky; null if all is sky
+      sky_pixels, replaced_pixels
+      note         how the file was read
+
+    \b
+    Examples:
+      defocus depth 000001.png --depth-format kitti --invalid fill -o depth.exr
+      defocus depth disp0.pfm --depth-format middlebury --invalid far -o depth.exr
+      defocus depth disparity.png --depth-kind disparity --depth-range 2m 50m -o depth.exr
+      defocus depth frames/*.png --depth-format vkitti2 -o depths --preview
+    """  # noqa: D301  click reads the backspace
+    wanted = places(files, out, preview=preview)
+    refuse_existing(wanted, overwrite=overwrite)
+    failed: UserError | None = None
+    records = []
+    for place in wanted:
+        try:
+            converted = convert(place, reading)
+        except UserError as error:
+            if failed:
+                failed.show()
+            failed = error
+            continue
+        records.append(conversion_report.record(converted))
+        for warning in converted.depth.warnings:
+            console.say(f"warning: {warning}")
+        if not as_json:
+            console.tell(conversion_report.line(converted))
+    if as_json and records:
+        console.print_json(files=records)
+    if failed:
+        raise failed

@@ -1,0 +1,178 @@
+"""Reading options: their names, and how the text of each becomes a field of `Reading`.
+
+The command line, jobs files and lens files have them under one name. ``radial`` and ``planar`` are
+flags, and set the field ``geometry``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS
+from defocus_cli.depth_formats.table import NAMES, UNITS
+from defocus_cli.jobs.job import Reading
+from defocus_cli.jobs.quantities import (
+    QuantityError,
+    angle,
+    length,
+    number,
+    pixel_count,
+    read_at,
+    text_of,
+)
+from defocus_cli.jobs.toml_file import read_toml
+from defocus_cli.system.errors import UsageProblem, did_you_mean
+
+_FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)
+
+
+def one_of(words: Sequence[str]) -> Callable[[str], str]:
+    """A parser that takes one of some words."""
+
+    def parse(text: str) -> str:
+        if text not in words:
+            remedy = did_you_mean(text, words, f"choose from {', '.join(words)}")
+            raise QuantityError(f"'{text}' is not known", remedy)
+        return text
+
+    return parse
+
+
+def format_name(text: str) -> str:
+    """The name of a depth format, or one of its aliases; the nearest are named for any other."""
+    from difflib import get_close_matches
+
+    name = text.lower()
+    if name in NAMES:
+        return name
+    near = get_close_matches(name, NAMES, n=3, cutoff=0.5)
+    near = list(dict.fromkeys([*(n for n in NAMES if name in n or n in name), *near]))[:4]
+    nearest = f"did you mean {' or '.join(near)}? " if near else ""
+    remedy = f"{nearest}'defocus help depth' lists all of them"
+    raise QuantityError(f"'{text}' is no depth format", remedy)
+
+
+def scale(text: str) -> float:
+    """A positive factor, from ``0.001`` or ``1/256``."""
+    fraction = _FRACTION.fullmatch(text)
+    if fraction:
+        above, below = scale(fraction[1]), scale(fraction[2])
+        return above / below
+    value = number(text)
+    if not 0 < value < math.inf:
+        raise QuantityError(f"'{text}' is not positive and finite", "write it like 0.001 or 1/256")
+    return value
+
+
+def distance(text: str) -> float:
+    """A positive length in mm, from ``2m`` or ``193mm``; a number alone is in metres."""
+    try:
+        metres = float(text)
+    except ValueError:
+        return length(text)
+    return length(f"{text.strip()}m") if math.isfinite(metres) else length(text)
+
+
+def far_distance(text: str) -> float:
+    """As `distance`, or ``inf``."""
+    return math.inf if text.strip().lower() in ("inf", "infinity") else distance(text)
+
+
+def distances(text: str) -> tuple[float, float]:
+    """Two distances in mm, from ``2m 50m``, of which one may be inf."""
+    words = text.replace(",", " ").split()
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is not two distances", "write them like 2m 50m")
+    first, second = map(far_distance, words)
+    return first, second
+
+
+def field_of_view(text: str) -> float:
+    """A horizontal field of view in degrees."""
+    degrees = angle(text)
+    if not 0 < degrees < 180:
+        raise QuantityError(f"'{text}' is no field of view", "give more than 0 and less than 180")
+    return degrees
+
+
+def whole(text: str) -> int:
+    """A whole number of 0 or more."""
+    if not re.fullmatch(r"\d{1,9}", text.strip()):
+        raise QuantityError(f"'{text}' is not a whole number of 0 or more", "write it like 1")
+    return int(text)
+
+
+PARSERS: dict[str, Callable[[str], Any]] = {
+    "depth-format": format_name,
+    "depth-unit": one_of(tuple(UNITS)),
+    "depth-channel": str,
+    "depth-scale": scale,
+    "depth-kind": one_of(KINDS),
+    "depth-range": distances,
+    "focal-px": pixel_count,
+    "baseline": distance,
+    "doffs": number,
+    "fov": field_of_view,
+    "sky": number,
+    "invalid": one_of(INVALID),
+    "resize-depth": one_of(("nearest",)),
+    "color-layer": str,
+    "part": whole,
+}
+NAMES_OF_OPTIONS = (*PARSERS, *GEOMETRIES)
+
+
+def reading_values(values: Mapping[str, Any], where: Callable[[str], str]) -> dict[str, Any]:
+    """Fields of `Reading` of the values of a table of a TOML file; other keys are passed over.
+
+    Args:
+        values: keys of the file and their values.
+        where: file and key, for errors.
+
+    Raises:
+        UsageProblem: a value makes no sense.
+    """
+    fields: dict[str, Any] = {}
+    for name, value in values.items():
+        if name in GEOMETRIES:
+            if value is not True:
+                raise UsageProblem(where(name), f"{value!r} is not true", f"write {name} = true")
+            if fields.setdefault("geometry", name) != name:
+                raise UsageProblem(where(name), "contradicts the other", "give one of them")
+        elif name in PARSERS:
+            fields[name.replace("-", "_")] = _parsed(name, value, where(name))
+    return fields
+
+
+def lens_file_reading(file: Path | None) -> dict[str, Any]:
+    """Fields of `Reading` that a lens file has beside the options of the lens.
+
+    Raises:
+        InputError: the file cannot be read as TOML.
+        UsageProblem: a value makes no sense.
+    """
+    if file is None:
+        return {}
+    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
+    stored = read_toml(file, what="lens file", remedy=remedy)
+    return reading_values(stored, lambda name: f"{file}: {name}")
+
+
+def make_reading(fields: Mapping[str, Any], below: Mapping[str, Any]) -> Reading:
+    """The reading of fields that were said, over those of a lens file."""
+    options = {name: value for name, value in fields.items() if value is not None}
+    return Reading(**{**below, **options})
+
+
+def _parsed(name: str, value: object, where: str) -> Any:
+    if PARSERS[name] is str and not (isinstance(value, str) and value and "\0" not in value):
+        raise UsageProblem(where, f"{value!r} is not a text", "write it in quotes")
+    if isinstance(value, bool):
+        raise UsageProblem(
+            where, f"{str(value).lower()} is no value of it", "see 'defocus help depth'"
+        )
+    return read_at(where, PARSERS[name], text_of(value))

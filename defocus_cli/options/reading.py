@@ -1,0 +1,122 @@
+"""Reading options: what to take from colour and depth files, and what their numbers mean.
+
+``@reading_options`` adds ``--depth-format``, … and hands the command ``reading: Reading``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from defocus_cli.depth_formats.reading import INVALID, KINDS
+from defocus_cli.depth_formats.table import UNITS
+from defocus_cli.jobs.job import Reading
+from defocus_cli.jobs.reading_options import (
+    PARSERS,
+    far_distance,
+    lens_file_reading,
+    make_reading,
+)
+from defocus_cli.options.types import Command, Decorator, Quantity, bundle, grouped_option
+
+_HELP = {
+    "depth-format": ("NAME", "Who wrote the depth, like kitti: 'defocus help depth' lists all."),
+    "depth-scale": ("FACTOR", "Multiplies the numbers of the depth file, like 1/256."),
+    "focal-px": ("PX", "Focal length in px, for disparity and for --radial."),
+    "baseline": ("LENGTH", "Distance between the two cameras of disparity, like 65mm."),
+    "doffs": ("PX", "Added to disparity: the difference of the two principal points."),
+    "fov": ("DEG", "Horizontal field of view, for --radial.  [default: the lens's]"),
+    "sky": ("NUMBER", "Numbers of the depth file from this one on are sky; of disparity, to it."),
+    "depth-channel": ("NAME", "Depth channel of an EXR, or array of an NPZ or HDF5."),
+    "color-layer": ("NAME", "Colour layer of an EXR."),
+    "part": ("N", "Part of an EXR, page of a TIFF or frame of an array, from 0."),
+}
+_COLOR_ONLY = ("color-layer", "resize-depth")
+
+
+def reading_options(command: Command) -> Command:
+    """Hand a command ``reading``: what to take from the input files, those of a lens file below."""
+    return bundle("reading", _make, _options())(command)
+
+
+def depth_reading_options(command: Command) -> Command:
+    """Hand a command ``reading``: what to take from depth files alone."""
+    options = [each for name, each in _named() if name not in _COLOR_ONLY]
+    return bundle("reading", _make, options)(command)
+
+
+def _make(**fields: Any) -> Reading:
+    file = click.get_current_context().params.get("lens_file")
+    return make_reading(fields, lens_file_reading(file))
+
+
+def _options() -> list[Decorator]:
+    return [option for _, option in _named()]
+
+
+def _named() -> list[tuple[str, Decorator]]:
+    """Names and options, in the order of help."""
+    return [
+        ("depth-format", _parsed("depth-format")),
+        (
+            "depth-unit",
+            _choice("depth-unit", UNITS, "Unit of the depth.  [default: m; mm in 16-bit PNG]"),
+        ),
+        ("depth-scale", _parsed("depth-scale")),
+        ("depth-kind", _choice("depth-kind", KINDS, "What the numbers are.  [default: depth]")),
+        ("depth-range", _range()),
+        *((name, _parsed(name)) for name in ("focal-px", "baseline", "doffs")),
+        ("radial", _flag("radial", "The numbers are distances to the point.")),
+        ("planar", _flag("planar", "The numbers are depth along the axis.")),
+        *((name, _parsed(name)) for name in ("fov", "sky")),
+        (
+            "invalid",
+            _choice(
+                "invalid",
+                INVALID,
+                "Pixels without depth: an error, infinitely far, or filled from the farther "
+                "neighbour.  [default: error]",
+            ),
+        ),
+        (
+            "resize-depth",
+            _choice("resize-depth", ("nearest",), "Take depth of another size than the colour."),
+        ),
+        *((name, _parsed(name)) for name in ("depth-channel", "color-layer")),
+        ("part", _part()),
+    ]
+
+
+def _parsed(name: str) -> Decorator:
+    metavar, text = _HELP[name]
+    kind = Quantity(PARSERS[name], metavar)
+    return grouped_option("Files", f"--{name}", type=kind, metavar=metavar, help=text)
+
+
+def _choice(name: str, words: Any, text: str) -> Decorator:
+    return grouped_option("Files", f"--{name}", type=click.Choice(list(words)), help=text)
+
+
+def _flag(name: str, text: str) -> Decorator:
+    flag = f"--{name}"
+    return grouped_option("Files", flag, "geometry", flag_value=name, default=None, help=text)
+
+
+def _part() -> Decorator:
+    metavar, text = _HELP["part"]
+    kind = click.IntRange(min=0)
+    return grouped_option("Files", "--part", type=kind, metavar=metavar, help=text)
+
+
+def _range() -> Decorator:
+    return grouped_option(
+        "Files",
+        "--depth-range",
+        nargs=2,
+        type=Quantity(far_distance, "DISTANCE"),
+        default=None,
+        metavar="NEAR FAR",
+        help="Distances of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of "
+        "depth 0 is NEAR; of disparity 0 is FAR. Swapped, it is the other way round.",
+    )

@@ -1,0 +1,95 @@
+"""Depth files as their formats' own rules say, written without the code under test."""
+
+from __future__ import annotations
+
+import base64
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from image_files import png_chunk, save
+
+
+def png(path: Path, values: Any, dtype: type = np.uint16) -> Path:
+    """A PNG of integers [H, W] or [H, W, C]."""
+    samples = np.asarray(values)
+    samples = samples if samples.ndim == 3 else samples[:, :, None]
+    return save(path, np.ascontiguousarray(samples.astype(dtype)))
+
+
+def pfm(path: Path, values: Any, *, big: bool = False) -> Path:
+    """A grey PFM, rows from bottom to top."""
+    height, width = values.shape
+    head = f"Pf\n{width} {height}\n{'1.0' if big else '-1.0'}\n".encode()
+    path.write_bytes(head + np.asarray(values)[::-1].astype(">f4" if big else "<f4").tobytes())
+    return path
+
+
+def npy(path: Path, values: Any, dtype: type = np.float32) -> Path:
+    """An NPY file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, np.asarray(values, dtype))
+    return path
+
+
+def dpt(path: Path, values: Any) -> Path:
+    """Sintel's depth: tag, width, height, rows."""
+    height, width = values.shape
+    head = struct.pack("<fii", 202021.25, width, height)
+    path.write_bytes(head + np.asarray(values).astype("<f4").tobytes())
+    return path
+
+
+def colmap(path: Path, values: Any) -> Path:
+    """COLMAP's dense map."""
+    height, width = values.shape
+    path.write_bytes(f"{width}&{height}&1&".encode() + np.asarray(values).astype("<f4").tobytes())
+    return path
+
+
+def with_text(path: Path, **texts: str) -> Path:
+    """Text chunks before the end of a PNG."""
+    data = path.read_bytes()
+    end = data.index(b"IEND") - 4
+    chunks = [png_chunk(b"tEXt", f"{key}\0{text}".encode()) for key, text in texts.items()]
+    path.write_bytes(data[:end] + b"".join(chunks) + data[end:])
+    return path
+
+
+def matlab(path: Path, name: str, values: Any, *, compressed: bool = False) -> Path:
+    """A MATLAB 5 file of one array of doubles, column by column."""
+
+    def element(kind: int, data: bytes) -> bytes:
+        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    values = np.asarray(values, np.float64)
+    body = element(6, struct.pack("<II", 6, 0))
+    body += element(5, np.array(values.shape, "<i4").tobytes())
+    body += element(1, name.encode()) + element(9, values.tobytes(order="F"))
+    matrix = element(14, body)
+    if compressed:
+        packed = zlib.compress(matrix)
+        matrix = struct.pack("<II", 15, len(packed)) + packed
+    head = b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    path.write_bytes(head + matrix)
+    return path
+
+
+def gdepth(path: Path, depth_png: bytes, **properties: object) -> Path:
+    """A JPEG whose XMP has GDepth, its image in two parts of the extended XMP."""
+    save(path, np.full((2, 3, 3), 128, np.uint8))
+    jpeg = path.read_bytes()
+    digest = b"0123456789ABCDEF0123456789ABCDEF"
+    told = " ".join(f'GDepth:{key}="{value}"' for key, value in properties.items())
+    main = f"<x:xmpmeta><rdf:Description {told}/></x:xmpmeta>".encode()
+    more = f'<rdf:Description GDepth:Data="{base64.b64encode(depth_png).decode()}"/>'.encode()
+    half = len(more) // 2
+    bodies = [b"http://ns.adobe.com/xap/1.0/\0" + main]
+    for offset, part in ((half, more[half:]), (0, more[:half])):  # in any order
+        head = digest + struct.pack(">II", len(more), offset)
+        bodies.append(b"http://ns.adobe.com/xmp/extension/\0" + head + part)
+    segments = b"".join(b"\xff\xe1" + struct.pack(">H", len(b) + 2) + b for b in bodies)
+    path.write_bytes(jpeg[:2] + segments + jpeg[2:])
+    return path
