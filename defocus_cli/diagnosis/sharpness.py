@@ -14,12 +14,12 @@ from defocus_cli.diagnosis.evidence import Evidence, compressed
 from defocus_cli.diagnosis.finding import Finding
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
 
-_FRAME = 1024  # px of the middle of a picture that are looked at
+_FRAME = 768  # px of a picture that are looked at, across and down
 _RINGS, _COARSE = 24, 3  # of the spectrum, and how many of them are coarse detail
 _FILTER_LEFT = 0.3  # of the difference that a filter for all places may leave
 _REACHES = (1, 2, 4, 8)  # px of the windows
@@ -40,7 +40,8 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     """Another CoC, or noise, or neither."""
     import numpy as np
 
-    light = [_middle(planes) for planes in (evidence.a, evidence.b)]
+    frame = (slice(None), *_frame(evidence))
+    light = [planes[frame].mean(axis=0, dtype="f8") for planes in (evidence.a, evidence.b)]
     a, b = (compressed(side) for side in light)
     difference = b - a
     energy = float(np.square(difference).sum())
@@ -63,7 +64,7 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
         values = {"detail": round(filtered, 3)}
         yield Finding("another CoC", f"another CoC: blurred {word}", values)
         return
-    more, less = _blocks(a, b, _spreads(*light))
+    more, less = _blocks(a, b, details, _spreads(*light))
     if more + less < _OF_BLOCKS:
         return
     share = more / (more + less)
@@ -102,7 +103,10 @@ def _filtered(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def _blocks(
-    a: NDArray[np.float64], b: NDArray[np.float64], spreads: NDArray[np.float64]
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    details_a: Sequence[NDArray[np.float64]],
+    spreads: NDArray[np.float64],
 ) -> tuple[float, float]:
     """Shares of the squared difference in blocks that are blurred more, and less.
 
@@ -114,8 +118,8 @@ def _blocks(
     difference = b - a
     energy = _block_sums(difference * difference)
     strongest = np.zeros_like(energy)
-    for reach in _REACHES:
-        details = [side - _mean(side, reach) for side in (a, b)]
+    for reach, detail_a in zip(_REACHES, details_a, strict=True):
+        details = detail_a, b - _mean(b, reach)
         old, new = (_block_sums(detail * detail) for detail in details)
         common = _ratio(_block_sums(details[0] * details[1]), old * new) > _IN_COMMON
         for detail, own in zip(details, (old, new), strict=True):
@@ -155,15 +159,17 @@ def _ratio(products: NDArray[np.float64], squares: NDArray[np.float64]) -> NDArr
     return products / np.sqrt(np.where(squares > 0, squares, np.inf))
 
 
-def _middle(planes: NDArray[np.float32]) -> NDArray[np.float64]:
-    """The mean of the channels in the middle of a picture."""
-    height, width = planes.shape[1:]
-    high, wide = min(height, _FRAME), min(width, _FRAME)
-    top, left = (height - high) // 2, (width - wide) // 2
-    middle: NDArray[np.float64] = planes[:, top : top + high, left : left + wide].mean(
-        axis=0, dtype="f8"
-    )
-    return middle
+def _frame(evidence: Evidence) -> tuple[slice, slice]:
+    """Rows and columns that are looked at: around the middle of what differs."""
+    import numpy as np
+
+    cuts = []
+    for axis, length in enumerate(evidence.size):
+        weights = evidence.pixels.greatest.sum(axis=1 - axis)
+        middle = float((weights * np.arange(length)).sum() / weights.sum())
+        first = min(max(0, round(middle) - _FRAME // 2), max(0, length - _FRAME))
+        cuts.append(slice(first, first + _FRAME))
+    return cuts[0], cuts[1]
 
 
 def _alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
@@ -180,13 +186,14 @@ def _mean(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     """The mean over a window of 2 reach + 1 px, smaller at the border."""
     import numpy as np
 
-    for _ in range(2):  # down, then across
-        length = len(values)
-        sums = np.zeros((length + 1, values.shape[1]))
-        np.cumsum(values, axis=0, out=sums[1:])
+    for axis, length in enumerate(values.shape):
         first = np.maximum(np.arange(length) - reach, 0)
         end = np.minimum(np.arange(length) + reach + 1, length)
-        values = ((sums[end] - sums[first]) / (end - first)[:, None]).T
+        before = [(0, 0), (0, 0)]
+        before[axis] = (1, 0)
+        sums = np.pad(np.cumsum(values, axis=axis), before)
+        counts = np.expand_dims(end - first, 1 - axis)
+        values = (sums.take(end, axis=axis) - sums.take(first, axis=axis)) / counts
     return values
 
 
