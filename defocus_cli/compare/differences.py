@@ -33,16 +33,18 @@ def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple
     import numpy as np
 
     exr, png = (folder / f"{record.name}.diff{suffix}" for suffix in (".exr", ".png"))
-    signed = {
-        name: each.astype(np.float32)
-        for name, each in zip(pixels.names, pixels.differences, strict=True)
-    }
+    with np.errstate(over="ignore"):
+        signed = {
+            name: each.astype(np.float32)
+            for name, each in zip(pixels.names, pixels.differences, strict=True)
+        }
     apart = None if record.nonfinite is None else record.nonfinite.apart
     if apart is not None:
         for plane in signed.values():
             plane[apart] = np.float32(np.nan)
     write_exr(exr, signed, {})
-    factor, shown = amplified(pixels, apart)
+    with np.errstate(all="ignore"):  # differences may overflow
+        factor, shown = amplified(pixels, apart)
     write_samples(png, pixels.shape, [shown], "png", {_NAME: f"{factor:g}"})
     return exr, png
 

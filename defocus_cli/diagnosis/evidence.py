@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from defocus_cli.diagnosis.pixels import Pixels
 
 _SAMPLES = 60_000
-_LARGEST = 65504.0  # value that is looked at, as of half: an index beyond it has no tone
+_LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
 # Largest share of a difference that an explanation may leave.
 LEFT = 0.1
 # RMS of what number types round off: of 0…1 for integers, as a share of the level for others.

@@ -35,7 +35,8 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
 def _empty(evidence: Evidence) -> Iterator[Explanation]:
     values = evidence.b.reshape(len(evidence.b), -1)
     if (values == values[:, :1]).all():
-        level = ", ".join(f"{value:g}" for value in values[:, 0])
+        pairs = zip(evidence.names, values[:, 0], strict=True)
+        level = ", ".join(f"{name} {value:g}" for name, value in pairs)
         yield Explanation(Finding("empty", f"empty: {level} everywhere"), 0.0)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -263,6 +264,30 @@ def test_difference_images_are_signed_and_amplified(a: Path, tmp_path: Path) -> 
     assert shown[0, 0].tolist() == [255, 0, 255]
     assert shown[60, 60].tolist() == [128, 128, 128]
     assert shown[25, 55, 0] == pytest.approx(128 + 2 * 0.25 * 127, abs=1)
+
+
+def test_numbers_beyond_all_bounds_are_different_and_no_fault(tmp_path: Path) -> None:
+    for name, value in (("a", -1e308), ("b", 1.7e308)):
+        np.save(tmp_path / f"{name}.npy", np.full((20, 30), value))
+    ran = run("compare", tmp_path / "a.npy", tmp_path / "b.npy", "--json", "--diff", tmp_path / "d")
+    (pair,) = ran.json["pairs"]
+    assert (ran.code, ran.err, pair["metrics"]["max"]) == (1, "", "Inf")
+
+
+@pytest.mark.bench
+def test_a_pair_of_1080p_takes_no_more_than_a_second_and_a_half(tmp_path: Path) -> None:
+    large = np.kron(scene(), np.ones((12, 15, 1), np.float32))[:1080, :1920]
+    for name, change in (("a", 0.0), ("b", 0.1)):
+        noise = change * np.random.default_rng(0).random(large.shape)
+        write_planes(tmp_path / f"{name}.exr", planes(large + noise))
+    words = [sys.executable, "-m", "defocus_cli", "compare", "a.exr", "b.exr"]
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+        seconds.append(time.perf_counter() - start)
+        assert ran.returncode == 1
+    assert min(seconds) < 1.5
 
 
 def test_junit_has_a_case_for_each_pair(tmp_path: Path) -> None:

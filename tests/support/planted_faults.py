@@ -118,7 +118,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     "NaN": (lambda a: _block(a, np.nan), "NaN", "NaN in 16 pixels, the first at 20,10"),
     "Inf": (lambda a: _block(a, np.inf), "Inf", "Inf in 16 pixels, the first at 20,10"),
     "negative": (lambda a: -a, "sign reversed", "sign reversed"),
-    "black": (lambda a: 0 * a, "empty", "empty: 0, 0, 0 everywhere"),
+    "black": (lambda a: 0 * a, "empty", "empty: R 0, G 0, B 0 everywhere"),
     "noise": (
         lambda a: a + 0.01 * np.random.default_rng(1).standard_normal(a.shape),
         "noise",
