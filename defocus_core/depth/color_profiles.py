@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.images.neighbourhoods import squares_around
+from defocus_core.images.neighbourhoods import halfway, squares_around
 
 # Greatest displacement in px; depth in px at which the colour of a surface is sampled at most.
 FARTHEST, _DEEPEST = 12, 15
@@ -83,10 +83,10 @@ def silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
     most, which = flat[beside].max(1)
     far = beside.gather(1, which[:, None])[:, 0]
     own = flat[at[:, 0] * size[1] + at[:, 1]]
-    offset = torch.arange(-NORMAL, NORMAL + 1, device=at.device, dtype=flat.dtype)
+    offset = torch.arange(-NORMAL, NORMAL + 1, device=at.device, dtype=torch.float64)
     y, x = torch.meshgrid(offset, offset, indexing="ij")
     weight = torch.exp((y * y + x * x) / (-2 * _NORMAL_DEVIATION**2))
-    farther = flat[squares_around(at, size, NORMAL)] > ((own + most) / 2)[:, None, None]
+    farther = flat[squares_around(at, size, NORMAL)] > halfway(own, most)[:, None, None]
     normal = torch.stack([(farther * (weight * axis)).sum((1, 2)) for axis in (y, x)])
     return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
 
@@ -101,7 +101,7 @@ def displacement_costs(
     y, x = (at[:, d, None] + normal[d, :, None] * along for d in (0, 1))
     inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
     place = y.round().long().clamp(0, H - 1) * W + x.round().long().clamp(0, W - 1)
-    border = (flat[at[:, 0] * W + at[:, 1]] + flat[far])[:, None] / 2
+    border = halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
     is_near = flat[place] < border
     inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
     outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)
@@ -109,7 +109,7 @@ def displacement_costs(
     near_depth, far_depth = (
         (count.to(normal.dtype) / 2).clamp(max=_DEEPEST) for count in (inwards, outwards)
     )
-    dtype = torch.promote_types(pixels.dtype, torch.float32)
+    dtype = torch.float64  # whatever the precision of a picture, its edges are the same
     color = pixels.flatten(1)[:, place].to(dtype).nan_to_num().clamp(min=0)
     # squares of the brightest light would be infinite
     color /= color.amax((0, 2), keepdim=True).clamp(min=torch.finfo(dtype).tiny)

@@ -136,7 +136,9 @@ def _repair(
         return DepthRepair()  # a picture of such depth is refused
     softest = float(torch.stack([band.softest for band in of_bands]).amax())
     ramps = torch.stack([band.ramps for band in of_bands]).sum()
-    slope = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
+    slope = slope_of_soft_edges(
+        float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
+    )
     soft = _mostly_soft(signed_radius, slope) if softest > slope else 0
     averaged = torch.stack([band.averages for band in of_bands]).sum(0)
     antialiased = averaged_from(averaged, infinity, soft)

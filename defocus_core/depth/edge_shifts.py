@@ -25,7 +25,12 @@ from defocus_core.depth.color_profiles import (
     silhouette_at,
 )
 from defocus_core.depth.soft_edges import slope_of_soft_edges
-from defocus_core.images.neighbourhoods import ends_of, extreme_around, squares_around
+from defocus_core.images.neighbourhoods import (
+    ends_of,
+    extreme_around,
+    halfway,
+    squares_around,
+)
 from defocus_core.images.source import Pixels, banded, bands, spread
 from defocus_core.images.sparse_masks import numbers_of, places_of
 from defocus_core.runtime.threads import threaded
@@ -46,6 +51,8 @@ _LEAST_STEP, _STEP = 0.3, 1.5
 _VOTES, _BIASED, _AGREED = 32, 0.75, 0.6
 # Px around a pixel that decide what it becomes.
 AROUND = REACH + NORMAL + 2 * (_ROUNDS + _SMOOTHING) + FARTHEST + 2
+# Half a px, so that averages of whole displacements are no ties.
+_HALF = 0.4937
 # Profiles examined at once: bounds memory.
 _PROFILES = 1 << 12
 
@@ -76,7 +83,9 @@ def measured_shifts(
         soft: Whether edges were soft; hard edges are shifted only if most are displaced alike.
     """
     ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
-    slope = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
+    slope = slope_of_soft_edges(
+        float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
+    )
     step = max(_LEAST_STEP, _STEP * slope)
     if not soft:
         votes = _votes(signed_radius, pixels, step, _EVERY_OF_HARD, threads)
@@ -139,15 +148,15 @@ def with_shifted_edges(signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts
     for key in (flat[far], flat[near], shift, shift.abs()):  # decides where two are as close
         order = order[key[order].argsort(stable=True)]
     at, near, far, shift = at[order], near[order], far[order], shift[order]
-    if not float(shift.abs().amax()) > 0.5:
+    if not float(shift.abs().amax()) > _HALF:
         return signed_radius
     index, owner, distance = _owners(at, shift, (H, W))
     own = flat[index]
-    is_near = (own - flat[near][owner]).abs() < (own - flat[far][owner]).abs()
+    is_near = own < halfway(flat[near][owner], flat[far][owner])
     inwards = torch.where(is_near, distance, -distance)  # px within the nearer surface
-    wants_near = inwards > shift[owner] - 0.5
+    wants_near = inwards > shift[owner] - _HALF
     source = torch.where(wants_near, near[owner], far[owner])
-    moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1.5)
+    moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1 + _HALF)
     return taken.index_copy(0, index, taken[torch.where(moves, source, index)]).reshape(H, W)
 
 
@@ -197,7 +206,7 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
     owner = torch.full((H * W,), n, device=at.device)
     owner[number] = torch.arange(n, device=at.device)
     band = torch.zeros(H * W, dtype=torch.bool, device=at.device)
-    band[number[shift.abs() > 0.5]] = True
+    band[number[shift.abs() > _HALF]] = True
     reach = math.ceil(float(shift.abs().amax())) + 1
     index = numbers_of(extreme_around(band.view(H, W), reach, torch.maximum))
     row = index.div(W, rounding_mode="floor")

@@ -8,6 +8,8 @@ steepest descent and ascent lead to both ends of the ramp; it gets the radius of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -21,17 +23,18 @@ from defocus_core.images.sparse_masks import exceeding, places_of
 
 # Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
 STEEP = 1.513
-# Least slope of a soft edge: as a share of the range of radii in a frame, per px, and in px per px.
-_SHARE, LEAST = 1 / 60, 0.1513
+# No surface goes through the range of radii of a frame within so many px, or within such a share of
+# the frame's shorter side; and the least slope of a soft edge, in px per px.
+_WITHIN, _WITHIN_SHARE, LEAST = 60, 1 / 4, 0.1513
 # Least step of a hard edge, as a multiple of this slope, and the greatest slope beside it, as a
 # share of the step.
 _STEP, _LEVEL = 2.013, 0.2513
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
 _FOOT, _FOOT_SHARE = 10, 0.3
-# Longest path to an end of a ramp: 2 ** _DOUBLINGS px.
-_DOUBLINGS = 4
+# Longest path to an end of a ramp, in px; difference of radii in px by which steps are as steep.
+_LONGEST, _AS_STEEP = 16, 2.0**-10
 # Px around a pixel that decide what it becomes.
-AROUND = (1 << _DOUBLINGS) + _FOOT + 2
+AROUND = _LONGEST + _FOOT + 2
 
 
 def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
@@ -50,29 +53,33 @@ def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
     at, (H, W) = places_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
-    beside = radii.detach()[around]
-    near, far = (
-        _path_ends(around.gather(1, step[:, None])[:, 0], index, H * W)
-        for step in (beside.argmin(1), beside.argmax(1))
-    )
+    flat = radii.detach()
+    near, far = _path_end(flat, around, index), _path_end(-flat, around, index)
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     low, high = radii[near], radii[far]
     ends = torch.where(radii[index] < halfway(low, high), low, high)
     return radii.index_copy(0, index, torch.where(found, ends, radii[index])).reshape(H, W)
 
 
-def _path_ends(next_pixel: Tensor, index: Tensor, count: int) -> Tensor:
-    """The pixels [n] at the ends of the paths from n pixels; a path ends at any other pixel.
+def _path_end(values: Tensor, around: Tensor, index: Tensor) -> Tensor:
+    """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
+
+    Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
+    nothing. A path ends at any other pixel.
 
     Args:
-        next_pixel: [n] numbers of the next pixels on the paths.
+        values: [H * W].
+        around: [n, 9] numbers of the pixels and of their neighbours.
         index: [n] numbers of the pixels.
-        count: Number of pixels of the frame.
     """
-    path = torch.arange(count, device=index.device).index_copy(0, index, next_pixel)
-    for _ in range(_DOUBLINGS):
-        path = path.index_copy(0, index, path[path[index]])
-    return path[index]
+    beside = values[around]
+    steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
+    end = torch.arange(len(values), device=values.device)
+    for _ in range(_LONGEST):
+        ends = end[around]
+        lowest = torch.where(steepest, values[ends], torch.inf).argmin(1, keepdim=True)
+        end = end.index_copy(0, index, ends.gather(1, lowest)[:, 0])
+    return end[index]
 
 
 def softness(slope: Tensor) -> Tensor:
@@ -84,12 +91,16 @@ def softness(slope: Tensor) -> Tensor:
     return extreme_around(slope, 1, torch.minimum)
 
 
-def slope_of_soft_edges(least: float, most: float) -> float:
+def slope_of_soft_edges(least: float, most: float, size: Sequence[int]) -> float:
     """The least slope in px per px of a soft edge in a frame with radii from least to most px.
 
-    A surface may be steep, but no visible surface goes through the whole range within 60 px.
+    Args:
+        least: Least radius in px.
+        most: Greatest radius in px.
+        size: (height, width) of the frame.
     """
-    return min(STEEP, max(LEAST, (most - least) * _SHARE))
+    within = min(_WITHIN, _WITHIN_SHARE * min(size))
+    return min(STEEP, max(LEAST, (most - least) / within))
 
 
 def hard_steps(signed_radius: Tensor, steep: float) -> Tensor:

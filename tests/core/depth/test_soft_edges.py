@@ -45,7 +45,9 @@ def two_colors(contrast: float = 1.0, texture: float = 0.0) -> Tensor:
 
 def with_hard_edges(radius: Tensor, image: Tensor, steep: float | None = None) -> Tensor:
     """Radii without ramps, their edges where the colours have theirs."""
-    slope = slope_of_soft_edges(float(radius.min()), float(radius.max()))
+    slope = slope_of_soft_edges(
+        float(radius.detach().min()), float(radius.detach().max()), radius.shape
+    )
     steps = without_ramps(radius, slope if steep is None else steep)
     shifts = measured_shifts(steps, image, 1, soft=True)
     return steps if shifts is None else with_shifted_edges(steps, image, shifts)
@@ -171,7 +173,9 @@ def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
 def told(radius: Tensor) -> bool:
     slope = diagnosed(radius, None, threads=1).soft_edges
     if slope is not None:
-        assert slope == slope_of_soft_edges(float(radius.min()), float(radius.max()))
+        assert slope == slope_of_soft_edges(
+            float(radius.detach().min()), float(radius.detach().max()), radius.shape
+        )
     return slope is not None
 
 
@@ -199,7 +203,7 @@ def test_a_steep_surface_among_hard_edges_is_none() -> None:
     radius = hard_depth()
     radius[10:20, 20:30] = torch.linspace(0, 20, 10).double()
     radius[:, 70:] -= 12
-    assert bool((softness(steepness(radius)) > slope_of_soft_edges(0, 20)).any())
+    assert bool((softness(steepness(radius)) > slope_of_soft_edges(0, 20, SIZE)).any())
     assert not told(radius)
 
 
@@ -207,7 +211,9 @@ def test_a_steep_surface_among_hard_edges_is_none() -> None:
 def test_bands_of_rows_decide_nothing(height: int) -> None:
     """Rows are looked at 256 at a time."""
     image, radius = bumpy(1, (height, 90))
-    steep = slope_of_soft_edges(float(radius.min()), float(radius.max()))
+    steep = slope_of_soft_edges(
+        float(radius.detach().min()), float(radius.detach().max()), radius.shape
+    )
     assert int((softness(steepness(radius)) > steep).sum()) > int(hard_steps(radius, steep))
     assert told(radius)
     assert not told(with_hard_edges(radius, image, steep))
