@@ -157,9 +157,6 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
 
 def _focused_once(lens: Lens, depth: Depth) -> Lens:
     """The lens with the focus distance that the depth decides."""
-    if depth.is_radius and (lens.focus_at is not None or lens.focus_percentile is not None):
-        problem = f"asks for a distance, and {depth.path} holds radii"
-        raise UsageProblem(f"{lens.focus_source}focus", problem, "give the focus as a distance")
     if lens.focus_at is not None:
         return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
     if lens.focus_percentile is not None:
