@@ -39,8 +39,9 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
       color        channels, nonfinite_pixels; null if there is none
       color_note   how the colour would be read, or why there is none
       depth        range_m, sky_pixels, invalid_pixels; with a lens, which lens, coc_px,
-                   and repair: what would be done to the depth before it is rendered,
-                   empty if nothing; null if there is none
+                   repair: what would be done to the depth before it is rendered, empty
+                   if nothing; warnings of a depth that hardly suits the lens; null if
+                   there is none
       depth_note   how the depth would be read, or why there is none
       evidence     formats that the depth could be of, and faults that show
       maps         kind, and range_px or range, of what 'defocus render' wrote

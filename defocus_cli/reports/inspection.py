@@ -165,6 +165,7 @@ def _depth(
 
     from defocus_cli.depth_formats.depth import read_depth
     from defocus_cli.rendering import focusing
+    from defocus_cli.rendering.implausible_depth import implausible_radii
 
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     depth = read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
@@ -179,6 +180,7 @@ def _depth(
         ends += _ends(metres)
         finite_ends += _ends(finite)
     coc_px, repair = None, ""
+    warnings: tuple[str, ...] = ()
     if lens is not None and ends:
         lens = focusing.focused(lens, depth)
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
@@ -186,7 +188,10 @@ def _depth(
         coc_px = [float(r) for r in focusing.signed_radius(lens, extremes, (width, height))]
         if valid == height * width:
             with suppress(InputError):  # too near to be rendered, as the radius shows
-                repair = focusing.repair_of(lens, depth)
+                radius, ends_px = focusing.radius_map(lens, depth, keeping)
+                declared = reading.says_scale
+                warnings = implausible_radii(depth, radius, ends_px, lens, declared=declared)
+                repair = focusing.repair_of(lens, radius)
     return depth.note, {
         "range_m": [min(finite_ends), max(finite_ends)] if finite_ends else None,
         "sky_pixels": sky,
@@ -194,6 +199,7 @@ def _depth(
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
         "repair": repair,
+        "warnings": list(warnings),
     }
 
 

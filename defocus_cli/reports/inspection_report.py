@@ -52,3 +52,5 @@ def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
         yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_record_words(depth['lens'])})"
         if depth["repair"]:
             yield f"  rendered: {depth['repair']}"
+    for warning in depth["warnings"]:
+        yield f"  warning: {warning}"

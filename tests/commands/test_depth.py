@@ -24,6 +24,7 @@ from command_line import (
 from depth_files import npy, pfm, png
 from image_files import save
 
+from defocus_cli.dataset.finished import samples
 from defocus_cli.jobs.job import Machine, Outputs, Reading
 from defocus_cli.jobs.jobs_file import read_jobs
 from defocus_cli.journal.plain_values import plain, typed
@@ -321,7 +322,7 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path: Path) -> Non
     inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{held}"\n[reading]\ndepth-format = "coc"\n'
     jobs, out = tmp_path / "jobs.toml", tmp_path / "o"
     for table, name in (("lens", "fnumber"), ("sweep", "focus"), ("sample", "focal-length")):
-        more = 'n = 1\nfocal-length = "uniform(20mm, 50mm)"' if table == "sample" else ""
+        more = 'n = 1\nseed = 7\nfocal-length = "uniform(20mm, 50mm)"' if table == "sample" else ""
         value = {"lens": "fnumber = 2", "sweep": 'focus = ["1m", "2m"]', "sample": more}[table]
         jobs.write_text(f"{inputs}[{table}]\n{value}\n")
         refused(run("batch", jobs, "-o", out), 2, f"[{table}] {name}: changes nothing")
@@ -423,3 +424,25 @@ def test_the_focal_length_of_the_colour_holds_for_smaller_depth(tmp_path: Path) 
     render(*args, "-o", tmp_path / "p", "--focal-px", repr(50 / 36 * 24))
     of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
     np.testing.assert_allclose(of[1], of[0], atol=1e-6)
+
+
+def test_a_pfm_beside_calib_txt_is_not_converted_without_a_word(tmp_path: Path) -> None:
+    path = pfm(tmp_path / "disp0.pfm", ramp())
+    (tmp_path / "calib.txt").write_text("cam0=[1 0 0; 0 1 0; 0 0 1]\n")
+    ran = run("depth", path, "-o", tmp_path / "a.exr", "--json")
+    (warning,) = ran.json["files"][0]["warnings"]
+    assert "--depth-format middlebury" in warning
+    assert ran.err == f"warning: {warning}\n"
+    ran = run("depth", path, "-o", tmp_path / "b.exr", "--depth-format", "metres", "--json")
+    assert ran.json["files"][0]["warnings"] == []
+
+
+def test_zeros_of_integers_are_asked_for_their_meaning(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    path = png(tmp_path / "z.png", np.where(ramp() < 2, 0, 500))
+    for said in ((), ("--depth-unit", "mm")):
+        ran = render(color, path, "-o", tmp_path / "o", *said)
+        refused(ran, 3, "say --depth-format, since 0 is a hole for some and sky for others")
+    ran = render(color, path, "-o", tmp_path / "o", "--depth-format", "kitti")
+    refused(ran, 3, "say --invalid far if they are sky, or fill if they are holes")
+    assert "write inf" not in ran.err
