@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import Lens, Reading, lens_record
 from defocus_cli.system.arrays import Keeping, bands
-from defocus_cli.system.errors import InputError
+from defocus_cli.system.errors import InputError, UserError
 from defocus_cli.system.memory import MB
 
 if TYPE_CHECKING:
@@ -87,6 +87,41 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
         "maps": maps,
     }
+
+
+def inspect_pairs(
+    records: Sequence[Mapping[str, Any]], reading: Reading, lens: Lens | None
+) -> list[dict[str, Any]]:
+    """What is wrong between the colour and the depth of inspected files, if they are one picture.
+
+    Args:
+        records: of all files, as `inspect` made them.
+        reading: how they are read.
+        lens: the lens, None if none was said.
+
+    Returns:
+        A record of the picture, of what ``defocus info --json`` prints; none if it is not clear
+        which file is its colour and which its depth, or if their sizes differ.
+    """
+    from pathlib import Path
+
+    from defocus_cli.reports.pair_evidence import evidence_of_pair
+
+    colors = [r for r in records if r["color"] and "R" in r["color"]["channels"]]
+    depths = [r for r in records if r["depth"]]
+    if [len(colors), len(depths)] != [1, 1] or colors[0]["size"] != depths[0]["size"]:
+        return []
+    color, depth = colors[0]["file"], depths[0]["file"]
+    width, height = colors[0]["size"]
+    keeping = Keeping(scratch=4 * width * height > _NUMBERS_IN_MEMORY)
+    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
+    try:
+        evidence = evidence_of_pair(
+            Path(color), Path(depth), reading, keeping=keeping, lens_focal=lens_focal
+        )
+    except UserError:  # the two cannot be read as one picture, as with --part of one of them
+        return []
+    return [{"color": color, "depth": depth, "evidence": list(evidence)}]
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:

@@ -41,6 +41,15 @@ def lines(record: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {sentence}"
 
 
+def pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
+    """What is wrong between colour and depth, from a record of ``inspect_pairs``."""
+    if not pair["evidence"]:
+        return
+    yield " and ".join(dict.fromkeys((pair["color"], pair["depth"]))) + ":"
+    for sentence in pair["evidence"]:
+        yield f"  {sentence}"
+
+
 def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
     """The depth of a file in words."""
     ends = depth["range_m"]
