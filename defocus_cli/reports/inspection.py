@@ -92,7 +92,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
 def inspect_pairs(
     records: Sequence[Mapping[str, Any]], reading: Reading, lens: Lens | None
 ) -> list[dict[str, Any]]:
-    """What is wrong between the colour and the depth of inspected files, if they are one picture.
+    """What is wrong between colour and depth, where the files inspected are those of one picture.
 
     Args:
         records: of all files, as `inspect` made them.
@@ -100,19 +100,20 @@ def inspect_pairs(
         lens: the lens, None if none was said.
 
     Returns:
-        A record of the picture, of what ``defocus info --json`` prints; none if it is not clear
-        which file is its colour and which its depth, or if their sizes differ.
+        What ``defocus info --json`` prints of the picture: of two files of one size, of which one
+        holds colour and the other depth, the first colour if both hold both; or of an EXR with
+        depth beside its colour.
     """
     from pathlib import Path
 
     from defocus_cli.reports.pair_evidence import evidence_of_pair
 
-    colors = [r for r in records if r["color"] and "R" in r["color"]["channels"]]
-    depths = [r for r in records if r["depth"]]
-    if [len(colors), len(depths)] != [1, 1] or colors[0]["size"] != depths[0]["size"]:
+    orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
+    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair)]
+    if not pairs:
         return []
-    color, depth = colors[0]["file"], depths[0]["file"]
-    width, height = colors[0]["size"]
+    color, depth = (record["file"] for record in pairs[0])
+    width, height = pairs[0][0]["size"]
     keeping = Keeping(scratch=4 * width * height > _NUMBERS_IN_MEMORY)
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     try:
@@ -122,6 +123,14 @@ def inspect_pairs(
     except UserError:  # the two cannot be read as one picture, as with --part of one of them
         return []
     return [{"color": color, "depth": depth, "evidence": list(evidence)}]
+
+
+def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any]) -> bool:
+    """Whether two records, or one twice, are of colour and depth that could be one picture."""
+    if color is depth and not color["file"].lower().endswith(".exr"):
+        return False
+    has_both = color["color"] is not None and depth["depth"] is not None
+    return has_both and "R" in color["color"]["channels"] and color["size"] == depth["size"]
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:

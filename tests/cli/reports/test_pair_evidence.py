@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import run, write_exr
+from image_files import save
 
 from defocus_cli.jobs.job import Reading
 from defocus_cli.reports.pair_evidence import evidence_of_pair
@@ -100,3 +101,15 @@ def test_info_compares_a_colour_and_a_depth_file(tmp_path: Path) -> None:
         {"color": str(both), "depth": str(both), "evidence": []}
     ]
     assert run("info", image, depth, both, "--json").json["pairs"] == []
+
+
+def test_a_photograph_as_depth_is_no_picture_of_its_own(tmp_path: Path) -> None:
+    share = np.repeat(blurred(cards(*FEW)[0], 8)[:, :, None], 3, axis=2)
+    path = save(tmp_path / "disparity.jpg", (255 * share).astype(np.uint8))
+    said = ("--depth-kind", "disparity", "--depth-range", "1m", "9m", "--json")
+    (record,) = run("info", path, *said).json["files"]
+    assert record["color"]
+    assert record["depth"]
+    assert not [line for line in record["evidence"] if "say --depth-range" in line]
+    assert run("info", path, *said).json["pairs"] == []
+    assert run("info", path, path, *said).json["pairs"][0]["depth"] == str(path)
