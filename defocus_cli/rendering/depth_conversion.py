@@ -11,6 +11,7 @@ from defocus_cli.jobs.job import Reading
 from defocus_cli.system.arrays import bands
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.safe_files import written_together
 
 if TYPE_CHECKING:
@@ -97,7 +98,8 @@ def convert(place: Place, reading: Reading) -> Converted:
         InputError: the file cannot be read, has pixels without depth, or cannot be written.
         UsageProblem: an option is missing or makes no sense for the file.
     """
-    import numpy as np
+    with put_off():
+        import numpy as np
 
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.formats.exr import write_exr

@@ -11,6 +11,7 @@ from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import Lens, Reading, lens_record
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError, UserError
+from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.memory import MB
 
 if TYPE_CHECKING:
@@ -43,6 +44,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         InputError: the file cannot be read, or does not have what ``reading`` names.
         UsageProblem: the options make no sense for this file.
     """
+    with put_off():
+        import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
+
     from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
