@@ -120,11 +120,11 @@ def main(args: Sequence[str] | None = None) -> int:
         line = f"ended by {ended.signal_name}; pictures that were finished are kept"
         return _fail(line, 128 + ended.number)
     except click.ClickException as error:
-        return _fail(told(error), error.exit_code)
+        return _fail(error_line(error), error.exit_code)
     except SystemExit:  # click's answer to a broken pipe
         return 141  # as if by SIGPIPE, which Python ignores: others say nothing either
     except OSError as error:
-        return _fail(told_of_system(error), 3)
+        return _fail(system_error_line(error), 3)
     except Exception as error:
         if {"-v", "--verbose"} & set(args):
             traceback.print_exc()
@@ -133,7 +133,7 @@ def main(args: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def told(error: click.ClickException) -> str:
+def error_line(error: click.ClickException) -> str:
     """A click error in the form ``SUBJECT: problem; remedy``."""
     if isinstance(error, UserError):
         return error.format_message()
@@ -154,7 +154,7 @@ def told(error: click.ClickException) -> str:
     return f"command line: {_clause(error)}; {remedy}"
 
 
-def told_of_system(error: OSError) -> str:
+def system_error_line(error: OSError) -> str:
     """An error of the operating system in the form ``SUBJECT: problem; remedy``."""
     remedy = "free some space" if error.errno == ENOSPC else "check the path and its permissions"
     return one_line(f"{error.filename or 'system'}: {reason(error)}; {remedy}")

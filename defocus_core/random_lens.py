@@ -221,7 +221,7 @@ def _check_option(name: str, option: Option) -> None:
 
 
 def _lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
-    """The lens of some options before a sensor of (height, width) px."""
+    """The lens of drawn options before a sensor of (height, width) px."""
     height, width = size
     sensor = (options["sensor_width"], options["sensor_width"] * height / width)
     lens = DefocusLens(options["foclen"], options["fnum"], sensor, (width, height), "cpu")
@@ -230,7 +230,7 @@ def _lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
 
 
 def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:
-    """A whole number for each picture, as given or from a generator."""
+    """A whole number for each picture: the caller's, or one from a generator."""
     if isinstance(seeds, torch.Generator):
         seeds = torch.randint(2**63 - 1, (count,), generator=seeds, device=seeds.device)
     wanted = f"seeds must be one whole number for each picture, a list of {count}"

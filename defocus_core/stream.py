@@ -31,7 +31,7 @@ class Stream(Picture):
         *,
         hold: bool = False,
     ) -> None:
-        """Look at the picture as a whole.
+        """Repair the depth, and prepare the frame.
 
         Args:
             image: [C, H, W], linear light, premultiplied if it has alpha; a tensor or a `Source`.
@@ -39,8 +39,8 @@ class Stream(Picture):
             settings: The options of `render`.
             hidden: The known layer behind the visible surface.
             hold: Whether there is room for repaired radii and the cells of a draft, together two
-                thirds of the picture in float32; without room those of a large picture are made
-                again whenever they are cut.
+                thirds of the picture in float32; without room those of a large picture are computed
+                anew for each window.
 
         Raises:
             ValueError: If shapes do not match, a number is not finite, or a CoC does not fit

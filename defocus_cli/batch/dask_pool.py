@@ -134,8 +134,8 @@ class _Submitted:
     def _require_same_version(self, theirs: Mapping[str, Any]) -> None:
         own = identity.versions()
         if theirs != own:
-            there, here = ("{version}, renderer {renderer}".format(**it) for it in (theirs, own))
-            problem = f"its workers have defocus {there}, but here is {here}"
+            remote, local = ("{version}, renderer {renderer}".format(**it) for it in (theirs, own))
+            problem = f"its workers have defocus {remote}, but here is {local}"
             raise InputError(self.address, problem, "install the same defocus on all of them")
 
 

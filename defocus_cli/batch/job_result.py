@@ -47,7 +47,7 @@ class Computed:
     """A job that is computed."""
 
     ready: Ready
-    made: Rendering
+    rendering: Rendering
     seconds: float
 
 
@@ -82,10 +82,10 @@ def compute(ready: Ready, progress: TileCount | None = None) -> Computed | Resul
     assert ready.loaded is not None
     start = time.perf_counter()
     try:
-        made = job_steps.compute(ready.job, ready.loaded, progress)
+        rendering = job_steps.compute(ready.job, ready.loaded, progress)
     except Exception as error:
         return failure(error, "render", ready.inputs)
-    return Computed(ready, made, time.perf_counter() - start)
+    return Computed(ready, rendering, time.perf_counter() - start)
 
 
 def write(computed: Computed) -> Result:
@@ -93,7 +93,7 @@ def write(computed: Computed) -> Result:
     start = time.perf_counter()
     job, inputs = computed.ready.job, computed.ready.inputs
     try:
-        outcome = delivery.write(computed.made)
+        outcome = delivery.write(computed.rendering)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path)}
             for name, path in job.names.items()
@@ -134,6 +134,6 @@ def failure(error: Exception, step: Step, inputs: Mapping[str, Any]) -> Result:
 
 
 def failed(status: str, reason: str, message: str, inputs: Mapping[str, Any]) -> Result:
-    """The result of a job that made nothing."""
+    """The result of a job without outputs."""
     ended = {"status": status, "reason": reason, "message": message, "inputs": dict(inputs)}
     return {**ended, "outputs": {}, **_NO_PICTURE, "warnings": [], "seconds": {}, "stats": {}}

@@ -20,7 +20,7 @@ Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
 
 @dataclass(frozen=True)
 class Execution:
-    """How a batch is to be carried out.
+    """The way to carry out a batch.
 
     Attributes:
         execute: does jobs; called with chunks of them, with the function to call with the number
@@ -30,7 +30,7 @@ class Execution:
         limit: at most so many jobs.
         fail_fast: stop at the first job that fails.
         read_inputs: compare the bytes of inputs, not only their size and time.
-        again: do jobs whatever the journal says of them.
+        again: do jobs even if the journal has them as done.
         spread: over how many workers the jobs of one picture are to be spread.
     """
 
@@ -49,8 +49,8 @@ class Plan:
 
     Attributes:
         todo: jobs to do, and the recipe of each.
-        settled: jobs that are done, or rejected, and what the journal says of them.
-        moved: those of its records that are to say anew where the inputs are.
+        settled: jobs that are done, or rejected, each with its record of the journal.
+        moved: records to append anew, since their inputs lie elsewhere now.
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.

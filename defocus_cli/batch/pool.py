@@ -42,7 +42,7 @@ class Pool:
         chunks: jobs, in chunks of one picture.
         done: called with number and result of each.
         stopped: whether no further job is to be begun.
-        serve: what a process does with its connection.
+        serve: the work of a process, at its end of the connection.
     """
 
     def __init__(
@@ -124,11 +124,11 @@ class Pool:
             except (EOFError, OSError):
                 self._replace(each)
 
-    def _handle(self, each: _Worker, said: Any) -> None:
-        if said == worker.READY:
+    def _handle(self, each: _Worker, message: Any) -> None:
+        if message == worker.READY:
             each.ready, self.failed_starts = True, 0
             return
-        number, result = said
+        number, result = message
         if each.flight.pop(number, None) is not None:
             each.alone = False
             self.done(number, result)

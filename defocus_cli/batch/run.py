@@ -83,14 +83,14 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
             return _carried_out(jobs, out, execution, listener, require_lock)
     finally:
         for folder in new:
-            with suppress(OSError):  # something was written to it, or it was never made
+            with suppress(OSError):  # it holds a file, or does not exist
                 folder.rmdir()
 
 
 def _carried_out(
     jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
 ) -> Summary:
-    if execution.shard is None:  # else others write here
+    if execution.shard is None:  # else other shards write to OUT, too
         run_file.sweep_up(out)
     plan = make_plan(jobs, out, execution)
     listener.planned(plan)

@@ -26,7 +26,7 @@ READY = "ready"
 
 
 def serve(connection: Connection) -> None:
-    """Do what comes through the connection."""
+    """Do the jobs that come through the connection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stopped = threading.Event()
     jobs = _received(connection, stopped)
@@ -38,7 +38,7 @@ def serve(connection: Connection) -> None:
     connection.send(READY)
     pipeline.run(jobs, send, stopped=stopped.is_set)
     connection.close()
-    os._exit(0)  # all is told and written; taking PyTorch down takes a second
+    os._exit(0)  # all results are sent; PyTorch would take a second to end
 
 
 def _received(connection: Connection, stopped: threading.Event) -> Iterator[tuple[int, Job]]:

@@ -147,7 +147,7 @@ def _rgb(path: Path, size: tuple[int, int]) -> Tensor:
     color = read_color(path)
     require_finite(color)
     if color.pixels.shape != (*size, 3):
-        found = "x".join(map(str, color.pixels.shape))
-        problem = f"is {found} (height, width, channels), not {size[0]}x{size[1]}x3 as depth.exr is"
+        shape = "x".join(map(str, color.pixels.shape))
+        problem = f"is {shape} (height, width, channels), not {size[0]}x{size[1]}x3 as depth.exr is"
         raise InputError(path, problem, "write RGB of the size of the depth")
     return torch.from_numpy(color.pixels.transpose(2, 0, 1).copy())

@@ -158,7 +158,7 @@ def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
     """Refuse options that would mean nothing.
 
     Raises:
-        UsageProblem: one was given.
+        UsageProblem: one is set.
     """
     for name, option in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:

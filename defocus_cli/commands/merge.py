@@ -39,5 +39,5 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
         missing = f"no journal of shards {', '.join(merged.missing)}"
         console.say(f"{out}: warning: {missing}; they did not run, or had nothing to do")
     if as_json:
-        told = {"jobs": merged.jobs, "journals": merged.journals, "missing": merged.missing}
-        console.print_json(**told, written=[str(path) for path in written])
+        counts = {"jobs": merged.jobs, "journals": merged.journals, "missing": merged.missing}
+        console.print_json(**counts, written=[str(path) for path in written])

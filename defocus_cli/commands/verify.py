@@ -54,8 +54,8 @@ def command(machine: Machine, as_json: bool) -> int:
     start = time.perf_counter()
     checks: list[Check] = []
     with bar("law", len(LAWS)) as laws:
-        for of_law in verify(Setting(device, machine.quality, machine.threads)):
-            checks += of_law
+        for law_checks in verify(Setting(device, machine.quality, machine.threads)):
+            checks += law_checks
             laws.update()
     seconds = time.perf_counter() - start
     ok = all(check.ok for check in checks)

@@ -112,7 +112,7 @@ def exist(out: Path) -> bool:
 
 
 def listed(out: Path) -> Listing | None:
-    """What the list of shards in OUT says; None where it is missing or broken."""
+    """The list of shards in OUT; None where it is missing or broken."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         listing = json.loads((out / FOLDER / LIST).read_text())
         sizes = {(one["file"], one["digest"]): one["bytes"] for one in listing["shards"]}

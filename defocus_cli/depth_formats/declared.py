@@ -1,6 +1,6 @@
-"""All that is said of one depth file, by the format, the user, the file and its sidecar.
+"""The declarations on one depth file: of its format, the user, the file and its sidecar.
 
-What contradicts or means nothing is refused; what nobody says is asked for by the option's name.
+Options that contradict or mean nothing are refused; a missing one is asked for by its name.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Declared:
-    """A depth file and all that is said of it.
+    """A depth file and the declarations on it.
 
     Attributes:
         path: the file.
-        reading: what the user says.
+        reading: the options of the user.
         row: the format.
-        samples: its numbers, and what it says beside them.
-        facts: what its sidecar says; None if there is none.
+        samples: its numbers and its metadata.
+        facts: the facts of its sidecar; None if there is none.
     """
 
     path: Path
@@ -45,7 +45,7 @@ class Declared:
 
     @property
     def named(self) -> str:
-        """What errors name: the option that asks for the format."""
+        """The option that asks for the format, as errors name it."""
         name = self.reading.depth_format
         return "--depth-kind disparity" if name is None else f"--depth-format {name}"
 
@@ -54,7 +54,7 @@ def refuse_idle(declared: Declared, rule: str) -> None:
     """Refuse options that would mean nothing for the rule, or contradict the format.
 
     Raises:
-        UsageProblem: one is said.
+        UsageProblem: one is set.
     """
     reading, row = declared.reading, declared.row
     disparity, radial = rule == "inverse", geometry_of(declared) == "radial"

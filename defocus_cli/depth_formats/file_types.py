@@ -114,10 +114,10 @@ def _from_container(path: Path, reading: DepthReading, kind: str) -> Samples:
 
 def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading) -> str:
     """The array that holds the depth: the one named, that of the format, or the only one."""
-    there = ", ".join(list(entries)[:20])
+    names = ", ".join(list(entries)[:20])
     if reading.depth_channel is not None:
         if reading.depth_channel not in entries:
-            problem = f"has no array {reading.depth_channel}; it has {there}"
+            problem = f"has no array {reading.depth_channel}; it has {names}"
             raise InputError(path, problem, "check --depth-channel")
         return reading.depth_channel
     for pattern in reading.row.channels:
@@ -126,7 +126,7 @@ def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading)
                 return name
     if len(entries) == 1:
         return next(iter(entries))
-    raise InputError(path, f"holds the arrays {there}", "choose one with --depth-channel")
+    raise InputError(path, f"holds the arrays {names}", "choose one with --depth-channel")
 
 
 def _frame(path: Path, entry: Entry, row: DepthFormat, part: int | None) -> NDArray[Any]:
@@ -134,7 +134,7 @@ def _frame(path: Path, entry: Entry, row: DepthFormat, part: int | None) -> NDAr
     frames = len(entry.shape) > 2 and ("N" in row.axes or entry.shape[-1] > 4)
     if not frames or entry.shape[0] == 1 or row.plane is not None:
         return _map_of(path, entry.load(None), row, part)
-    return _map_of(path, entry.load(_which(path, entry.shape[0], part)), row, None)
+    return _map_of(path, entry.load(_chosen_frame(path, entry.shape[0], part)), row, None)
 
 
 def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None) -> NDArray[Any]:
@@ -146,7 +146,7 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[:, :, 0]
     if values.ndim == 3 and "N" in row.axes:
-        values = values[_which(path, values.shape[0], part)]
+        values = values[_chosen_frame(path, values.shape[0], part)]
     if values.ndim != 2:
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"has {shape} numbers, not height × width"
@@ -154,7 +154,7 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
     return values.T if row.axes.endswith("WH") else values
 
 
-def _which(path: Path, count: int, part: int | None) -> int:
+def _chosen_frame(path: Path, count: int, part: int | None) -> int:
     """The frame that ``--part`` chooses of several."""
     if part is None:
         raise InputError(path, f"holds {count} frames", "choose one with --part, counted from 0")
@@ -195,7 +195,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
 
 
 def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
-    """Refuse pictures of 8 bits, and of several channels, unless they are said to be depth."""
+    """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say --depth-range NEAR FAR and --depth-kind"

@@ -1,4 +1,4 @@
-"""The decoding of one depth file, from what its format, the user and a sidecar say."""
+"""The decoding of one depth file, resolved from its format, the user's options and a sidecar."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def resolved(
     picture_width: int,
     lens_focal: float | None,
 ) -> Decoding:
-    """How the numbers of a file become depth.
+    """The decoding of the numbers of a file to depth.
 
     Args:
         path: the file.
-        reading: what the user says of it.
+        reading: the options of the user.
         samples: its numbers.
         picture_width: px of the colour, or of the depth if there is no colour.
         lens_focal: focal length of the lens in widths of its sensor, None if there is no lens.
 
     Raises:
-        UsageProblem: something that nobody says must be said, or two things contradict each other.
+        UsageProblem: an option is missing, or two declarations contradict each other.
         InputError: a sidecar cannot be understood, or the type of file has no custom.
     """
     row = reading.row
@@ -54,7 +54,7 @@ def resolved(
     declared = Declared(path, reading, row, samples, facts)
     rule = _rule(declared)
     refuse_idle(declared, rule)
-    make = {"scale": _of_depth, "inverse": _of_disparity, "log": _of_logarithm}
+    make = {"scale": _depth_decoding, "inverse": _disparity_decoding, "log": _logarithm_decoding}
     if rule == "radius":
         return Decoding("radius", words="signed CoC radius in px")
     decoding = make[rule](declared)
@@ -99,10 +99,10 @@ def _rule(declared: Declared) -> str:
 
 
 def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
-    """Near and far in metres, where a range is said.
+    """Near and far in metres, where a range is set.
 
     Raises:
-        UsageProblem: the format needs a range, or of disparity a scale, and neither is said.
+        UsageProblem: the format needs a range, or of disparity a scale, and neither is set.
     """
     reading, row = declared.reading, declared.row
     ends, is_relative = reading.depth_range, "depth-range" in row.needs or not row.rule
@@ -143,7 +143,7 @@ def _within(declared: Declared) -> None:
         raise InputError(declared.path, problem, "give --depth-scale and --doffs instead")
 
 
-def _of_depth(declared: Declared) -> Decoding:
+def _depth_decoding(declared: Declared) -> Decoding:
     reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=False)) is not None:
         _within(declared)
@@ -176,7 +176,7 @@ def _of_depth(declared: Declared) -> Decoding:
     return Decoding("scale", scale, words=words)
 
 
-def _of_disparity(declared: Declared) -> Decoding:
+def _disparity_decoding(declared: Declared) -> Decoding:
     reading, row, facts = declared.reading, declared.row, declared.facts
     if (ends := _ends(declared, disparity=True)) is not None:
         _within(declared)
@@ -200,7 +200,7 @@ def _by_calibration(declared: Declared) -> Decoding:
     """Disparity by focal length and baseline, or by a scale alone.
 
     Raises:
-        UsageProblem: neither is said.
+        UsageProblem: neither is set.
     """
     reading, row, facts = declared.reading, declared.row, declared.facts
     beside = Facts("") if facts is None else facts
@@ -225,7 +225,7 @@ def _by_calibration(declared: Declared) -> Decoding:
     raise UsageProblem(declared.named, f"leaves {names} open{why}", remedy)
 
 
-def _of_logarithm(declared: Declared) -> Decoding:
+def _logarithm_decoding(declared: Declared) -> Decoding:
     facts = declared.facts
     if facts is None or facts.ends is None:
         problem = f"has no text chunks near and far, which {declared.row.name} needs"

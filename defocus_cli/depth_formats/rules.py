@@ -82,7 +82,7 @@ class DepthFormat:
             has it.
         mask: what marks pixels.
         alpha: whether nothing is where the alpha of the EXR is 0.
-        needs: options without which it cannot be decoded, since nothing else says it.
+        needs: options without which it cannot be decoded.
         unitless: whether its unit is that of a scene, so that ``--depth-unit`` may say it.
         note: what else a user should know.
         aliases: other names.
@@ -123,7 +123,7 @@ class DepthFormat:
 
 @dataclass(frozen=True)
 class Decoding:
-    """How the numbers of one file become depth: a format with all that was open in it said.
+    """The decoding of one file: its format, completed by the user and the sidecar.
 
     Attributes:
         rule: scale, inverse, log or radius.
@@ -201,7 +201,7 @@ def decoded(
 
 
 def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
-    """Which numbers say that they are sky; None if none can."""
+    """Which numbers stand for sky; None if none can."""
     import numpy as np
 
     if decoding.rule == "radius":
@@ -217,7 +217,7 @@ def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | Non
 
 
 def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
-    """Which numbers the format sets aside as no depth; None if none. NaN stays NaN by any rule."""
+    """Which numbers the format marks as invalid; None if none. NaN stays NaN by any rule."""
     import numpy as np
 
     marked = [numbers == number for number in decoding.invalid]

@@ -21,7 +21,7 @@ class Samples:
         type: of the file and its numbers, as the rows of the table have it.
         words: type of the file and of its numbers, for people.
         channel: name in the file; empty where it has none.
-        metadata: what the file says beside its pixels, by key.
+        metadata: of the file, by key.
         nothing: pixels of an alpha of 0, where that means sky, [H, W].
         holes: pixels without depth by another array of the file, [H, W].
     """

@@ -1,6 +1,6 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-Also what the file itself says beside its pixels: MoGe's text chunks, HEIC's and GDepth's metadata.
+Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's properties.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _CHECK = "check the file"
 
 @dataclass(frozen=True)
 class Facts:
-    """What a sidecar says.
+    """The facts that a sidecar holds.
 
     Attributes:
         source: the file, or the part of the depth file, for people.
@@ -36,7 +36,7 @@ class Facts:
         ends: depth in metres at the ends of log.
         scale: multiplies numbers, before `shift` is added.
         shift: see `scale`.
-        rule: scale or inverse, where the file says which.
+        rule: scale or inverse, where the file declares one.
         radial: whether the file says that it holds the distance to the point.
     """
 
@@ -52,23 +52,23 @@ class Facts:
 
 
 def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None:
-    """What the sidecar of a depth file says; None if there is no such file.
+    """The facts of the sidecar of a depth file; None if there is no such file.
 
     Args:
         name: of the kind of sidecar, as a row has it.
         path: the depth file.
-        metadata: what the depth file says beside its pixels.
+        metadata: of the depth file.
 
     Raises:
         InputError: the sidecar cannot be understood.
     """
     place = path
     try:
-        if name in _OF_FILE:
-            return _OF_FILE[name](metadata)
+        if name in _METADATA_READERS:
+            return _METADATA_READERS[name](metadata)
         for place in _PLACES[name](path):
             if place.is_file():
-                return _OF_SIDECAR[name](place, path)
+                return _SIDECAR_READERS[name](place, path)
     except (OSError, ValueError, KeyError, IndexError, configparser.Error) as error:
         problem = f"does not say what {name} of {path.name} should ({reason(error)})"
         raise InputError(place, problem, _CHECK) from None
@@ -168,12 +168,12 @@ def _positive(value: float) -> float:
     return value
 
 
-_OF_FILE: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
+_METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
     "text-chunks": _text_chunks,
     "heic": _heic,
     "gdepth": _gdepth,
 }
-_OF_SIDECAR: dict[str, Callable[[Path, Path], Facts]] = {
+_SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
     "calib.txt": _calib,
     "parameters.cfg": _parameters,
     "intrinsics.txt": _intrinsics,
@@ -201,7 +201,7 @@ def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
         if place is not None:
             files["depth_sidecar"] = place
             if row.sidecar == "Extrinsics":
-                files["depth_sidecar_right"] = _second(place)
+                files["depth_sidecar_right"] = _right_camera_file(place)
     if row.mask is not None and (mask := _mask_file(row.mask, path)) is not None:
         files["depth_mask"] = mask
     return files
@@ -234,7 +234,7 @@ def _mask_file(mask: Mask, path: Path) -> Path | None:
     return next((place for place in places if place.is_file() and place != path), None)
 
 
-def _second(first: Path) -> Path:
+def _right_camera_file(first: Path) -> Path:
     """The file of the right camera, of UnrealStereo4K."""
     return first.parent.parent / "Extrinsics1" / first.name
 

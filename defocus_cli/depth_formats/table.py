@@ -2,9 +2,10 @@
 
 Nothing is read off the range of the values. A file without a named format follows the custom of its
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
-have no custom, so that their unit must be said (``--depth-unit``).
+have no custom, so that their unit must be set (``--depth-unit``).
 
-A new format is a new row; the other modules read this table.
+A new format is a row of `renderers`, `depth_datasets`, `stereo_datasets` or `networks`, and a line
+of ``help/depth.md``, which the test of that topic prints; the other modules read this table.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ UNIT_WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "fe
 
 
 def custom(samples: Samples) -> str | None:
-    """The unit that numbers of a type follow unless one is said; None if they have none."""
+    """The unit that numbers of a type have unless one is set; None if the type has no custom."""
     if samples.type == "16-bit PNG":
         return "mm"
     return None if samples.is_integer else "m"

@@ -63,8 +63,8 @@ def _unheeded(spec: Any, *, declared: bool) -> str:
         if "srgb" not in profile.lower():
             return f"colour profile '{profile}'" if profile else "colour profile without a name"
     space = _name(spec)
-    of_srgb = "_" not in space or "rec709" in space or space == "scene_linear"
-    return "" if not space or (declared and of_srgb) else f"colour space {space}"
+    has_srgb_primaries = "_" not in space or "rec709" in space or space == "scene_linear"
+    return "" if not space or (declared and has_srgb_primaries) else f"colour space {space}"
 
 
 def _name(spec: Any) -> str:

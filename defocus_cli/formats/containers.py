@@ -93,7 +93,7 @@ def checked(path: Path, shape: tuple[int, ...], itemsize: int) -> None:
 
 
 def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
-    """A loader that says of a damaged file that it is."""
+    """A loader that raises InputError if the file is damaged."""
 
     def guarded(index: int | None) -> NDArray[Any]:
         try:

@@ -38,7 +38,7 @@ class PartInfo:
 
 @dataclass(frozen=True)
 class FileInfo:
-    """What a file's header says.
+    """The header of a colour or depth file.
 
     Attributes:
         path: the file.
@@ -56,7 +56,7 @@ class FileInfo:
 
 
 def describe(path: Path) -> FileInfo:
-    """What a colour or depth file holds, without decoding its pixels.
+    """The header of a colour or depth file, of which no pixel is decoded.
 
     Raises:
         InputError: the file is missing, damaged or of no known kind.

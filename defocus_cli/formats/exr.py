@@ -229,9 +229,9 @@ def write_exr(
     box = Raw("box2i", struct.pack("<4i", *whole))
     windows = {"dataWindow": box, "displayWindow": box}
     with written_whole(path) as file, quiet():
-        for attributes_of_strip, starts, chunks in _encoded_strips(channels, plain, whole):
+        for strip_attributes, starts, chunks in _encoded_strips(channels, plain, whole):
             if not offsets:
-                file.write(header_bytes(attributes_of_strip | carried | windows))
+                file.write(header_bytes(strip_attributes | carried | windows))
                 table = file.tell()
                 file.write(bytes(8 * -(-height // _ZIP_ROWS)))
             offsets += (starts + file.tell()).astype("<u8").tobytes()
@@ -260,10 +260,10 @@ def _encoded_strips(
         encoded = io.BytesIO()
         OpenEXR.File({**attributes, **kind, "dataWindow": corners}, strip).write(encoded)
         encoded.seek(8)
-        attributes_of_strip = read_attributes(encoded)
+        strip_attributes = read_attributes(encoded)
         count = -(-(last - first + 1) // _ZIP_ROWS)
         starts = np.frombuffer(encoded.read(8 * count), "<u8")
-        yield attributes_of_strip, starts - np.uint64(encoded.tell()), encoded.read()
+        yield strip_attributes, starts - np.uint64(encoded.tell()), encoded.read()
 
 
 def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:

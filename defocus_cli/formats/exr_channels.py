@@ -66,7 +66,7 @@ def choose_color(
 def _chosen_color(
     path: Path, headers: Sequence[Header], layer: str | None, part: int | None
 ) -> ChannelGroup:
-    searched = _flat(path, _of_part(path, headers, part))
+    searched = _flat(path, _headers_of_part(path, headers, part))
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
         return _named(path, layers, layer, "colour layer", "--color-layer")
@@ -89,7 +89,7 @@ def choose_depth(
         NoDepthChannel: none of the channels is known to be depth.
         InputError: the channel or part is not there, or several channels could be the depth.
     """
-    searched = _flat(path, _of_part(path, headers, part))
+    searched = _flat(path, _headers_of_part(path, headers, part))
     every = channels_of(path, headers, part)
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
@@ -113,7 +113,7 @@ def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list
     Raises:
         InputError: the part is not there, or all is deep.
     """
-    searched = _flat(path, _of_part(path, headers, part))
+    searched = _flat(path, _headers_of_part(path, headers, part))
     return [ChannelGroup(header, c.name) for header in searched for c in header.channels]
 
 
@@ -129,7 +129,7 @@ def require_part(path: Path, part: int, count: int) -> None:
         raise InputError(path, problem, remedy)
 
 
-def _of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
+def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
     # One --part serves the colour and the depth file; where there is one part, it chooses nothing.
     if part is None or len(headers) == 1:
         return headers

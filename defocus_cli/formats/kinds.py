@@ -3,7 +3,7 @@
 A kind is written to ``OUT/<name>/<stem>.<ext>``. An image has the channels of the colour file and
 the type that ``--format`` names. A map is a float32 EXR of one channel, which has the kind's name.
 
-A new kind is a new row: the other modules read this table.
+A new kind is a new row, and a line of ``help/conventions.md``; the other modules read this table.
 """
 
 from __future__ import annotations
@@ -11,7 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 DISPARITY_PER_RADIUS = 8 / (3 * math.pi)  # distance of the centroids of two half discs
 
@@ -25,9 +28,9 @@ class Kind:
         help: a line for ``defocus render --help``.
         image: whether it is an image; else it is a map.
         halves: whether it needs the views through the left and the right half of the lens.
-        of_radius: its values [h, w] from signed radii [h, w] in px; its preview is orange below 0,
-            white at 0 and blue above 0. None of a kind that is rendered: it is the attribute
-            ``name`` of `defocus_core.Views`, and its preview shows its values as linear light.
+        of_radius: its values [h, w] from signed radii [h, w] in px, NumPy arrays; its preview is
+            orange below 0, white at 0 and blue above 0. None of a kind that is rendered: it is the
+            attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
     """
@@ -36,7 +39,7 @@ class Kind:
     help: str
     image: bool = False
     halves: bool = False
-    of_radius: Callable[[Any], Any] | None = None
+    of_radius: Callable[[NDArray[Any]], NDArray[Any]] | None = None
     title: str = ""
     unit: str = ""
 

@@ -42,7 +42,7 @@ _Page = TypeVar("_Page", bound=_MayBeWhole)
 
 @dataclass(frozen=True)
 class Raster:
-    """What the header of an image file says, turned upright as its Orientation says.
+    """The header of an image file, turned upright by its Orientation.
 
     Attributes:
         width: in px.
@@ -55,7 +55,7 @@ class Raster:
         at_once: whether its decoder may hold all of it.
         page: which image of the file it is, from 0: a TIFF may have several.
         whole: whether it is no thumbnail or mask of another one.
-        tags: what the file says about the camera and the author.
+        tags: its metadata on camera and author.
     """
 
     width: int

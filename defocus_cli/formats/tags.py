@@ -1,4 +1,4 @@
-"""Tags of a photograph: what EXIF, GPS and IPTC say about its camera and its author."""
+"""Tags of a photograph: its EXIF, GPS and IPTC metadata on camera and author."""
 
 from __future__ import annotations
 

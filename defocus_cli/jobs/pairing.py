@@ -1,4 +1,4 @@
-"""Pictures found in files, directories and patterns: colour, depth and hidden files of one name.
+"""Pictures of files, directories and patterns: colour, depth and hidden files of one name.
 
 The name of a file in a directory is its stem. In a pattern it is what the wildcards stand for, with
 the text before them if that is the same in all patterns: ``s*/rgb.exr`` names s1, and not 1. A lone
@@ -42,7 +42,7 @@ def find_pictures(
     *,
     patterns_in: Path | None = None,
 ) -> list[Picture]:
-    """The pictures that some paths mean, sorted by name.
+    """The pictures of the paths of colour and depth, sorted by name.
 
     Args:
         color: a colour file, or a directory of them.

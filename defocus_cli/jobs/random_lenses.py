@@ -1,4 +1,4 @@
-"""Random lenses of a jobs file: ``[sample]`` says how many, and their distributions.
+"""Random lenses of a jobs file: their number and their distributions, from ``[sample]``.
 
 ``n`` lenses for each picture and each lens of the sweep, numbered in their names: ``_s000``. What
 is drawn depends on ``seed``, the picture's name and that number alone, not on other pictures or

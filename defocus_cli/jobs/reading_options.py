@@ -31,7 +31,7 @@ _FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)
 
 
 def one_of(words: Sequence[str]) -> Callable[[str], str]:
-    """A parser that takes one of some words."""
+    """A parser that takes one of the words."""
 
     def parse(text: str) -> str:
         if text not in words:
@@ -163,7 +163,7 @@ def lens_file_reading(file: Path | None) -> dict[str, Any]:
 
 
 def make_reading(fields: Mapping[str, Any], below: Mapping[str, Any]) -> Reading:
-    """The reading of fields that were said, over those of a lens file."""
+    """The reading of the fields that are set, over those of a lens file."""
     options = {name: value for name, value in fields.items() if value is not None}
     return Reading(**{**below, **options})
 

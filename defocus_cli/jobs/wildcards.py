@@ -1,4 +1,4 @@
-"""Wildcards of a path: the files that it matches, each named by what the wildcards stand for."""
+"""Wildcards of a path: the files that it matches, each named by the text that they match."""
 
 from __future__ import annotations
 

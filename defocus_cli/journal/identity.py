@@ -36,7 +36,7 @@ _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and
 
 
 def settings(job: Job) -> dict[str, Any]:
-    """What a job asks for, as plain values, without its inputs, OUT and the machine."""
+    """The settings of a job as plain values, without its inputs, OUT and the machine."""
     outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
     lens = {k: v for k, v in _plain(job.lens).items() if k != "focus_source"}
     return {
@@ -53,7 +53,7 @@ def settings(job: Job) -> dict[str, Any]:
 
 
 def recipe(job: Job) -> str:
-    """The hash of all that decides the outputs of a job, but what its inputs hold."""
+    """The hash of everything that decides the outputs of a job but the bytes of its inputs."""
     names = {role: path.name for role, path in job.files.items()}
     return digest({"settings": settings(job), "names": names, "renderer": renderer_version()})
 
@@ -101,7 +101,7 @@ def stamp(path: Path) -> dict[str, Any]:
 
 
 def settled_stamp(path: Path) -> dict[str, Any]:
-    """What `stamp` says, less a time that is so recent that a later change could have the same.
+    """The `stamp` of a file, without a time so recent that a later change could have the same.
 
     Raises:
         OSError: the file cannot be read.

@@ -114,7 +114,7 @@ def read(path: Path) -> list[Record]:
 def _block(
     path: Path, numbered: Sequence[tuple[int, bytes]], outside: frozenset[str]
 ) -> list[Record]:
-    """The records of some lines, which share their keys in memory."""
+    """The records of a block of lines, which share their keys in memory."""
     records: list[Any] = []
     with suppress(ValueError, RecursionError):
         records = _parsed(b"[" + b",".join(line for _, line in numbered) + b"]")
@@ -124,11 +124,11 @@ def _block(
         fault = "is broken" if record is None else fault_of(record, outside)
         if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
-            raise InputError(path, f"line {number}{_of_sample(line)} {fault}", remedy)
+            raise InputError(path, f"line {number}{_sample_words(line)} {fault}", remedy)
     return records
 
 
-def _of_sample(line: bytes) -> str:
+def _sample_words(line: bytes) -> str:
     """The name of the sample in a line that is no record, as far as it can be read."""
     name = _SAMPLE.search(line)
     with suppress(ValueError):
@@ -138,7 +138,7 @@ def _of_sample(line: bytes) -> str:
 
 @contextmanager
 def without_collections() -> Iterator[None]:
-    """Nothing in the block makes cycles; looking for them takes most of its time."""
+    """Pause the search for garbage cycles: the block makes none, and it is most of its time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -177,12 +177,12 @@ def input_path(path: Path, out: Path) -> str:
 
 
 @lru_cache(maxsize=1024)
-def _input_folder(folder: Path, out: Path, here: Path) -> Path:
-    """A folder, relative to OUT, as both are seen from ``here``."""
+def _input_folder(folder: Path, out: Path, base: Path) -> Path:
+    """A folder relative to OUT; both paths are relative to ``base``."""
     # What is above a linked folder is what is above that which the link leads to.
     ups = max((place for place, part in enumerate(folder.parts, 1) if part == ".."), default=0)
-    start = here.joinpath(*folder.parts[:ups]).resolve()
-    return Path(os.path.relpath(start.joinpath(*folder.parts[ups:]), (here / out).resolve()))
+    start = base.joinpath(*folder.parts[:ups]).resolve()
+    return Path(os.path.relpath(start.joinpath(*folder.parts[ups:]), (base / out).resolve()))
 
 
 class Journal:
@@ -231,7 +231,7 @@ class Journal:
                 self._require_in_place()
         finally:
             os.close(self._number)
-        if self._new:  # nothing to tell leaves no file behind
+        if self._new:  # without a record, no file is left
             with suppress(OSError):
                 self.path.unlink()
 

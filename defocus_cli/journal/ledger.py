@@ -1,4 +1,4 @@
-"""Lookup in the journals of OUT: which job made which files, and the last record of each job."""
+"""Lookup in the journals of OUT: the record of each file, and the last record of each job."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from defocus_cli.system.errors import InputError
 
 
 class Ledger:
-    """The journals of OUT, read; ``files`` are those that they know, relative to OUT.
+    """The records of the journals of OUT; ``files`` are the outputs in them, relative to OUT.
 
-    A record speaks of all files that its job writes; of records that speak of the same file the
-    last holds. One that made pictures is superseded when it has none left but previews; one that
-    made nothing, as soon as another speaks of any of its files.
+    A record names all files that its job writes; of records that name the same file the last one
+    counts. A record of pictures is superseded when none of them is left but previews; a record
+    without outputs, as soon as another one names any of its files.
     """
 
     def __init__(self, out: Path, records: Iterable[Record]) -> None:
@@ -40,7 +40,7 @@ class Ledger:
         return [own for record in last.values() if (own := self._own(record)) is not None]
 
     def knows(self, job: Job) -> bool:
-        """Whether a record speaks of a file that a job writes."""
+        """Whether a record names a file that a job writes."""
         return any(name in self._last for name in job.names.values())
 
     def previews_replaced(self, job: Job) -> dict[str, identity.Stamp]:

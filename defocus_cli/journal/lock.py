@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 BEAT = 1.0  # seconds between two touches
 LEASE = 60.0  # seconds without a touch, after which another may take the lock
-GLANCE = 3.0  # seconds in which a holder has touched its lock, and a file that is no lock is seen
+GLANCE = 3.0  # seconds to wait for a touch before a line reports that there is none
 Say = Callable[[str], object]
 Check = Callable[[], None]
 
@@ -75,7 +75,7 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check
 
 
 def refuse_held(out: Path, *, say: Say) -> None:
-    """Refuse an OUT that somebody writes to, before anything is said about the records in it.
+    """Refuse an OUT that somebody writes to, before its records are read.
 
     Raises:
         InputError: someone holds a lock.

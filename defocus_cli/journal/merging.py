@@ -1,4 +1,4 @@
-"""One journal made of those of the shards of a batch."""
+"""The journals of the shards of a batch, merged to one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from defocus_cli.system.safe_files import sync_folder, written_whole
 
 
 class Merged(NamedTuple):
-    """What was merged: live jobs, journals of shards, and the shards that have none, like 2/8."""
+    """A merge: its live jobs, its journals of shards, and the shards without one, like 2/8."""
 
     jobs: int
     journals: int
@@ -34,7 +34,7 @@ def merge(out: Path) -> Merged:
         if shards:
             with written_whole(journal.journal_path(out)) as file:
                 file.write(journal.merged(records))
-            sync_folder(out)  # before what it is made of is gone
+            sync_folder(out)  # before the journals of the shards are removed
         for shard in shards:
             journal.journal_path(out, shard).unlink()
             if run_file.run_path(out, shard).exists():
@@ -46,5 +46,5 @@ def merge(out: Path) -> Merged:
 
 def _missing(shards: list[journal.Shard]) -> list[str]:
     division = max((shard.of for shard in shards), default=0)
-    there = {shard.number for shard in shards if shard.of == division}
-    return [f"{number}/{division}" for number in range(1, division + 1) if number not in there]
+    present = {shard.number for shard in shards if shard.of == division}
+    return [f"{number}/{division}" for number in range(1, division + 1) if number not in present]

@@ -25,11 +25,11 @@ from defocus_cli.system.errors import InputError
 
 @dataclass
 class Progress:
-    """What is done and what is left.
+    """Progress of a batch: jobs that ended, and jobs that are left.
 
     Attributes:
         statuses: number of jobs by status.
-        reasons: number of jobs that made nothing, by reason.
+        reasons: number of jobs without outputs, by reason.
         left: jobs that runs set out to do and did not do yet.
         again: how many of these count among ``statuses``, too: inputs or settings changed, or
             they failed.

@@ -40,7 +40,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class Verdict(NamedTuple):
-    """Status and reason code of a job that made nothing, and the line that tells people."""
+    """Status and reason code of a job without outputs, and its message for people."""
 
     status: str
     reason: str
@@ -48,13 +48,13 @@ class Verdict(NamedTuple):
 
 
 def verdict(error: BaseException, step: Step) -> Verdict:
-    """What an exception means that ended a step of a job."""
+    """The verdict on a job of which an exception ended a step."""
     if isinstance(error, Rejected) and error.code in REJECTIONS:
         return Verdict("rejected", error.code, error.format_message())
-    return Verdict("failed", _failure(error, step), told(error))
+    return Verdict("failed", _failure(error, step), error_line(error))
 
 
-def told(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """An exception in one line, ``SUBJECT: problem; remedy`` where a user can mend it."""
     if isinstance(error, UserError):
         return error.format_message()

@@ -15,7 +15,7 @@ from defocus_cli.system.errors import InputError
 
 
 def failed_jobs(ledger: Ledger, reasons: Collection[str]) -> list[Job]:
-    """The jobs that failed, or, if reasons are named, all that made nothing for one of them.
+    """The jobs that failed; if reasons are named, all jobs without outputs for one of them.
 
     Raises:
         InputError: a record is of a version that knew other settings.
@@ -65,7 +65,7 @@ def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") 
 
 
 def _place(recorded: str, out: Path) -> Path:
-    """A path of the journal, from here."""
+    """A path of the journal, relative to the working directory."""
     if Path(recorded).is_absolute():
         return Path(recorded)
     return Path(os.path.relpath(out.resolve() / recorded))

@@ -27,7 +27,7 @@ SHARDS_FOLDER = "shards"  # of tars
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run sets out to do.
+    """The jobs of a run.
 
     Attributes:
         begun: when it began, UTC.

@@ -29,7 +29,7 @@ _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subs
 
 @dataclass(frozen=True)
 class Crew:
-    """Who computes.
+    """The processes that compute.
 
     Attributes:
         scheduler: ``local``, or the address of a Dask scheduler.
@@ -49,7 +49,7 @@ class Crew:
 
     @property
     def machine(self) -> Machine:
-        """What each job is told."""
+        """The machine settings of each job."""
         return Machine(
             device=self.device,
             threads=self.threads or cores() // self.count or 1,
@@ -58,7 +58,7 @@ class Crew:
         )
 
     def _share(self) -> int | None:
-        """What one of several processes may take."""
+        """Bytes of memory that one of several processes may take; None for no bound."""
         available = memory.available_mb()
         if self.scheduler != "local" or self.count == 1 or available is None:
             return None
@@ -66,10 +66,10 @@ class Crew:
 
     @cached_property
     def count(self) -> int:
-        """The number of processes, told once, for what is free changes.
+        """The number of processes, counted once, since free memory changes.
 
-        One for a GPU; else what threads leave of the cores, or where nothing is said of these a
-        core each, as far as memory goes: a few left over are worth less than a process fewer.
+        One for a GPU; else the cores divided by the threads, or without a number of threads one for
+        each core, as far as memory goes: a core left over costs less than one process fewer.
         """
         if self.processes is not None:
             return self.processes
@@ -87,7 +87,7 @@ class Crew:
         return self.count if self.scheduler == "local" else MANY
 
     def execute(self) -> Execute:
-        """What does jobs.
+        """The executor of the jobs.
 
         Raises:
             UsageProblem: there is no such scheduler.
@@ -102,7 +102,7 @@ class Crew:
 
 
 def crew_options(command: Command) -> Command:
-    """Hand a command ``crew``: who computes."""
+    """Hand a command ``crew``: the processes that compute."""
     options = [
         machine_option(
             "--scheduler",
@@ -142,11 +142,11 @@ class ShardType(click.ParamType[Shard]):
         """Parse ``value``."""
         if isinstance(value, Shard):
             return value
-        found = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", str(value))
-        if not found or not 1 <= int(found[1]) <= int(found[2]):
+        match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", str(value))
+        if not match or not 1 <= int(match[1]) <= int(match[2]):
             problem = f"'{value}' is no part of a batch"
             raise UsageProblem(option_name(param), problem, "write it like 2/8, from 1/8 to 8/8")
-        return Shard(int(found[1]), int(found[2]))
+        return Shard(int(match[1]), int(match[2]))
 
 
 def shards_size_option(command: Command) -> Command:

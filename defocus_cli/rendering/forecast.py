@@ -154,7 +154,7 @@ def line(forecast: Forecast) -> str:
 
 
 def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
-    """All jobs together, in proportion to the samples: the forecasts of some of them."""
+    """Totals of all jobs, in proportion to the forecasts of a sample of them."""
     share = jobs / len(samples)
     return {
         "pictures": jobs,
@@ -166,7 +166,7 @@ def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
 
 
 def total_line(samples: Sequence[Forecast], jobs: int) -> str:
-    """All jobs together, in words."""
+    """Totals of all jobs, in words."""
     every = total(samples, jobs)
     few = f", from {len(samples)} of them" if len(samples) < jobs else ""
     return (

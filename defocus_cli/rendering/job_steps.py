@@ -98,8 +98,8 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
 def _warnings(loaded: Loaded) -> tuple[str, ...]:
     """Warnings about what the files hold and the renderer ignores."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
-    of_hidden = (f"hidden: {warning}" for warning in behind)
-    return *loaded.color.warnings, *loaded.depth.warnings, *of_hidden
+    hidden_warnings = (f"hidden: {warning}" for warning in behind)
+    return *loaded.color.warnings, *loaded.depth.warnings, *hidden_warnings
 
 
 def load() -> None:

@@ -40,7 +40,7 @@ _FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
 _FOR_CELLS = 0.25
 # Most memory of the strips through which a picture in scratch files is read and written.
 _STRIPS_MB = 168.0
-# By how much the base memory of one process differs from that of the next.
+# Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32": 4}
@@ -76,7 +76,7 @@ def holding(job: Job) -> Holding:
 
 
 def _shared(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
-    """How arrays of that size, and files decoded at once, share a capacity."""
+    """The division of a capacity between arrays, files that are decoded at once, and work."""
     scratch = arrays_mb > _FOR_ARRAYS * capacity
     strips = min(_STRIPS_MB, 2 * arrays_mb)
     files = strips if scratch else _beside_each_other_mb(arrays_mb, capacity)
@@ -149,10 +149,10 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
     try:
         pixels, native, color_whole, count = pixel_bytes(picture.color)
         depth_whole = 0.0
-        with suppress(InputError):  # rows without a header say nothing of themselves
+        with suppress(InputError):  # a file without a header has no size to report
             _, _, depth_whole, _ = pixel_bytes(picture.depth)
         arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
-    except InputError:  # who decodes it says it better
+    except InputError:  # the decoder reports it better
         return 0, 0.0, 0.0, 0
     return pixels, arrays + _FLOAT, max(color_whole, depth_whole), min(count, 4)
 

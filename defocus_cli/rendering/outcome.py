@@ -78,7 +78,10 @@ def repair_words(repair: DepthRepair) -> str:
         of = "disparity" if math.isinf(repair.antialiased) else "distance"
         done.append(f"anti-aliased as averages of {of}, its edges made hard")
     if repair.soft_edges:
-        done.append("its soft edges moved to where the colours have edges")
+        done.append("its soft edges made steps")
+    if repair.edge_shifts is not None:
+        shift = repair.edge_shifts.median
+        done.append(f"its edges moved to those of the colours, {shift:+.1f} px in the median")
     if repair.quantised:
         done.append("of few levels, smoothed between them")
     return "; ".join(done)

@@ -74,10 +74,10 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str,
 
     Args:
         path: the file.
-        reading: what the user says of it; with a format, only faults.
-        info: what its header says.
+        reading: the options of the user; with a format, only faults are listed.
+        info: its header.
     """
-    sentences = [] if reading.depth_format is not None else [*_of_names(path, info)]
+    sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
     if _has_gdepth(path):
         return tuple(sentences)
     try:
@@ -86,13 +86,13 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str,
     except UserError:  # another line of the report says why
         return tuple(sentences)
     if reading.depth_format is None:
-        sentences += _of_numbers(path, samples, reading)
+        sentences += _numbers_evidence(path, samples, reading)
     sentences += _faults(samples)
     return tuple(sentences)
 
 
-def _of_names(path: Path, info: FileInfo) -> Iterator[str]:
-    """What names of channels, and of files beside it, say."""
+def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
+    """Evidence of the names of channels, and of files beside the depth file."""
     names = [name.split(" ")[0] for part in info.parts for name, _ in part.channels]
     for name, patterns in _TELLING_NAMES.items():
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
@@ -108,8 +108,8 @@ def _of_names(path: Path, info: FileInfo) -> Iterator[str]:
             yield f"{place.format(stem=path.stem)} beside it: {_say(name)}"
 
 
-def _of_numbers(path: Path, samples: Samples, reading: DepthReading) -> Iterator[str]:
-    """What the numbers of a file without a named format say."""
+def _numbers_evidence(path: Path, samples: Samples, reading: DepthReading) -> Iterator[str]:
+    """Evidence of the numbers of a file without a named format."""
     texts = png_text(path)
     if {"near", "far"} <= texts.keys():
         yield f"text chunks near and far: {_say('moge-png')}"
@@ -121,9 +121,9 @@ def _of_numbers(path: Path, samples: Samples, reading: DepthReading) -> Iterator
             yield f"{_TOP} in {_percent(top)} of the 16-bit pixels: {_say(*names)}"
         if zero >= _SEVERAL:
             names = [r.name for r in _rows_of("16-bit PNG") if 0 in r.invalid and r.rule == "scale"]
-            some = ", ".join(names[:5])
+            shown = ", ".join(names[:5])
             yield (
-                f"0 in {_percent(zero)} of the 16-bit pixels: holes of {some} and others, or far "
+                f"0 in {_percent(zero)} of the 16-bit pixels: holes of {shown} and others, or far "
                 "away by a network; say --depth-format, and --invalid far or fill for holes"
             )
     if samples.type == "8-bit PNG" and not reading.says_scale:
@@ -137,7 +137,7 @@ def _of_numbers(path: Path, samples: Samples, reading: DepthReading) -> Iterator
 
 
 def _faults(samples: Samples) -> Iterator[str]:
-    """What makes depth worse for blurring."""
+    """Faults of depth that make the blur worse."""
     if samples.type == "8-bit PNG":
         yield "warning: 8 bits hold 256 levels, which show as steps of blur"
     edges, mixed = _edges(samples.values)
@@ -182,7 +182,7 @@ def _rows_of(file_type: str) -> list[Any]:
 
 
 def _say(*names: str) -> str:
-    """Formats that fit, and what to say."""
+    """Formats that fit, and the option that names one."""
     listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
     return f"{listed}; say --depth-format {names[0] if len(names) == 1 else 'NAME'}"
 

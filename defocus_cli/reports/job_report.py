@@ -127,10 +127,10 @@ def _stats_lines(stats: Mapping[str, float]) -> Iterator[str]:
         return
     yield f"  {stats['slices']:.0f} slices, {stats['tiles']:.0f} tiles"
     rows = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
-    width = max(len(f"{all_of_them:.0f}") for _, all_of_them, _ in rows)
-    for count, all_of_them, words in rows:
-        share = 100 * count / all_of_them
-        yield f"  {count:>{width}.0f} of {all_of_them:<{width}.0f} {share:>4.0f} %  {words}"
+    width = max(len(f"{whole:.0f}") for _, whole, _ in rows)
+    for count, whole, words in rows:
+        share = 100 * count / whole
+        yield f"  {count:>{width}.0f} of {whole:<{width}.0f} {share:>4.0f} %  {words}"
 
 
 def done_before_line(job: Job) -> str:

@@ -42,7 +42,7 @@ def reset_peak(device: str = "cpu") -> None:
 def peak_mb(device: str = "cpu") -> float | None:
     """Largest memory of the process since `reset_peak`, or ever if that has no effect.
 
-    None where no system tells. On a GPU, the largest memory of tensors there.
+    None where the system does not report it. On a GPU, the largest memory of tensors there.
     """
     if device == "cuda":
         import torch
@@ -59,7 +59,7 @@ def peak_mb(device: str = "cpu") -> float | None:
 
 
 def held_mb(device: str = "cpu") -> float:
-    """Memory that the process holds now; 0 where no system tells."""
+    """Memory that the process holds now; 0 where the system does not report it."""
     if device == "cuda":
         import torch
 
@@ -70,7 +70,7 @@ def held_mb(device: str = "cpu") -> float:
 
 
 def available_mb(device: str = "cpu") -> float | None:
-    """Memory that can be taken without swapping or being killed; None where no system tells."""
+    """Memory that can be taken without swapping or being killed; None where it is unknown."""
     if device == "cuda":
         import torch
 

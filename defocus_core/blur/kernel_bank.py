@@ -21,7 +21,7 @@ _PLANES = 4
 
 
 class Spread(NamedTuple):
-    """How a slice is blurred.
+    """The blur of a slice: its resolution and its reach.
 
     Attributes:
         halvings: How many times resolution is halved.
@@ -158,7 +158,7 @@ def windows(
     return [window_of[k] for k in range(len(radii))]
 
 
-def alike(
+def merged_layers(
     layers: list[int], sides: list[int], spreads: list[Spread], side: tuple[int, int]
 ) -> list[int]:
     """Merge neighbouring layers of one side whose transforms have the same size.

@@ -25,7 +25,7 @@ class Piece(NamedTuple):
         number: Number of the layer.
         window: Window of its slices.
         rungs: The range of the surface's rungs whose slices reach the tile.
-        patch: The rectangles where the layer lies and shows.
+        patch: The rectangles where the layer has pixels, and where it shows.
         near: Whether the layer is near focus, so that parts see sub-pixel shifts.
     """
 
@@ -125,10 +125,10 @@ class Blur:
                 continue
             near = float(window.radii.abs().amin()) < NEAR
             for tile_list, plan, patch in zip(pieces, surface.plan, patches[number], strict=True):
-                of_layer = [rung for rung in plan if numbers[rung] == number]
-                if of_layer and patch:
+                reaching = [rung for rung in plan if numbers[rung] == number]
+                if reaching and patch:
                     tile_list.append(
-                        Piece(number, window, range(of_layer[0], of_layer[-1] + 1), patch, near)
+                        Piece(number, window, range(reaching[0], reaching[-1] + 1), patch, near)
                     )
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
@@ -147,23 +147,22 @@ class Blur:
         for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
             if number in sliced.reduced and (reduced := sliced.reduced[number].over(tile)):
                 box = reduced[0].seen_from(tile)
-                for of_group, layer in zip(shown, reduced[1], strict=True):
-                    of_group[number] = Shown(box, layer, None)
+                for by_layer, layer in zip(shown, reduced[1], strict=True):
+                    by_layer[number] = Shown(box, layer, None)
         near = any(piece.near for piece in sliced.pieces[index])
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
             blurred = self._blurred(sliced, piece, index) if piece.window.margin else None
-            seen = piece.patch.seen
-            box = seen.seen_from(tile)
+            box = piece.patch.shown.seen_from(tile)
             layers = blurred or self._sharp(sliced, piece)
             moved = None
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
-                share = sliced.surface.shares(piece.rungs, seen)
+                share = sliced.surface.shares(piece.rungs, piece.patch.shown)
                 share = torch.minimum(share, layers[-1][:, -1:].clamp(min=0))
                 moved = box.of(shifts) * share
-            for of_group, layer in zip(shown, layers, strict=True):
-                of_group[piece.number] = Shown(box, layer, moved if of_group is shown[-1] else None)
+            for by_layer, layer in zip(shown, layers, strict=True):
+                by_layer[piece.number] = Shown(box, layer, moved if by_layer is shown[-1] else None)
         return shown
 
     def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
@@ -187,11 +186,11 @@ class Blur:
             pairs = torch.fft.rfft2(lean * pixels[:, leaning])
             for i, pair in zip(leaning, pairs.unbind(2), strict=True):
                 terms += zip(pair, window.leaning(rungs[i] * sliced.stride, size), strict=True)
-        wanted = piece.patch.seen.seen_from(box)
+        wanted = piece.patch.shown.seen_from(box)
         return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
 
     def _sharp(self, sliced: Sliced, piece: Piece) -> list[Tensor]:
         """A layer whose slices are not blurred, for each group of parts."""
-        box = piece.patch.seen
+        box = piece.patch.shown
         pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
         return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]

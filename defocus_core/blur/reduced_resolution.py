@@ -76,9 +76,9 @@ class Reduced:
             kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
             terms.append((plain, kernel))
             terms += zip(leaning, window.leaning(k, size) if lean else (), strict=True)
-        crop = patch.seen.seen_from(cells)
+        crop = patch.shown.seen_from(cells)
         self._groups = [crop_inverse(sum_of_products(terms, group), size, crop) for group in groups]
-        self._cells = patch.seen.sides
+        self._cells = patch.shown.sides
 
     def over(self, box: Box) -> tuple[Box, list[Tensor]] | None:
         """The layer at full resolution within a rectangle, counted from the first sample.

@@ -3,7 +3,9 @@
 coverage: the share of an aperture part that sees a layer at a pixel, in [0, 1].
 part: a region of the aperture, such as its left half. group: parts composited together.
 share: the fraction of a layer, a part or a pixel that counts.
-seen: the colours and the coverage composited so far, front to back.
+front: the colours and the coverage composited so far, from the nearest layer on.
 highlight (light): a pixel far brighter than the rest, drawn as a disc of its own.
+rim: where the values of a disc change along a row of pixels.
 square: a piece of a disc that is tested for nearer surfaces at once.
+occluded: hidden from a part of the lens by a nearer surface.
 """

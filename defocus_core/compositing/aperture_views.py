@@ -14,7 +14,8 @@ class Fronts:
     """The surfaces of a tile composited so far.
 
     Attributes:
-        seen: For each group of m parts [m, C + 1, h, w]: colour times coverage, then coverage.
+        by_group: The front of each group of m parts, [m, C + 1, h, w]: colour times coverage, then
+            coverage.
         moved: [m, C, h, w], the change of the last group's colours by shifts of less than a pixel;
             None if there is none.
         invented: [m, h, w], coverage of the first group by invented surfaces; None if there is
@@ -27,11 +28,11 @@ class Fronts:
         """Begin without surfaces.
 
         Args:
-            blank: As `seen`: zeros, which are overwritten.
+            blank: As `by_group`: zeros, which are overwritten.
             full: Greatest coverage of each group.
             doubt: Share of a part up to which gaps between visible surfaces may be errors.
         """
-        self.seen = blank
+        self.by_group = blank
         self.moved: Tensor | None = None
         self.invented: Tensor | None = None
         self._full = full
@@ -40,20 +41,20 @@ class Fronts:
     def add(self, layers: list[dict[int, Shown]]) -> None:
         """Add visible surfaces, given for each group as layers by their numbers."""
         for group, (surfaces, most) in enumerate(zip(layers, self._full, strict=True)):
-            seen = self.seen[group]
+            front = self.by_group[group]
             for number in sorted(surfaces):
                 box, layer, by = surfaces[number]
                 within = box.of(most) if isinstance(most, Tensor) else most
-                share = share_behind(box.of(seen), layer, within)
-                seen = add_within(seen, box, layer, share)
+                share = share_behind(box.of(front), layer, within)
+                front = add_within(front, box, layer, share)
                 if by is not None:
-                    moved = torch.zeros_like(seen[:, :-1]) if self.moved is None else self.moved
+                    moved = torch.zeros_like(front[:, :-1]) if self.moved is None else self.moved
                     self.moved = add_within(moved, box, by, share)
-            self.seen[group] = seen
+            self.by_group[group] = front
 
     def are_full(self, *, known: bool) -> bool:
         """Whether no gap is left that a hidden surface, known or invented, may fill."""
-        return all(is_full(seen, self._most(i, known)) for i, seen in enumerate(self.seen))
+        return all(is_full(front, self._most(i, known)) for i, front in enumerate(self.by_group))
 
     def fill(self, hidden: list[Tensor | None], *, known: bool) -> None:
         """Add a hidden surface.
@@ -64,17 +65,17 @@ class Fronts:
             known: Whether the surface is known, not invented.
         """
         for group, layer in enumerate(hidden):
-            seen, most = self.seen[group], self._most(group, known)
-            if layer is None or is_full(seen, most):
+            front, most = self.by_group[group], self._most(group, known)
+            if layer is None or is_full(front, most):
                 continue
-            whole, share = Box(0, 0, *seen.shape[-2:]), share_behind(seen, layer, most)
+            whole, share = Box(0, 0, *front.shape[-2:]), share_behind(front, layer, most)
             if group == 0 and not known:
                 more = (share * layer[:, -1:])[:, 0]
                 self.invented = more if self.invented is None else self.invented + more
-            self.seen[group] = add_within(seen, whole, layer, share)
+            self.by_group[group] = add_within(front, whole, layer, share)
 
     def _most(self, group: int, known: bool) -> Tensor | float:
         """Greatest coverage of a group once a hidden surface is added."""
         if known or self._doubt is None:
             return self._full[group]
-        return filled_up_to(self.seen[group], self._full[group], self._doubt)
+        return filled_up_to(self.by_group[group], self._full[group], self._doubt)

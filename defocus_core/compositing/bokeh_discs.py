@@ -24,7 +24,7 @@ from defocus_core.optics.aperture import Aperture, Part
 
 # Samples drawn at once: bounds memory.
 _SAMPLES = 1 << 18
-# Greatest ratio of widths of kernels that are sampled together.
+# Greatest ratio of the widths of kernels that are sampled together.
 _AS_WIDE = 2
 
 
@@ -43,7 +43,7 @@ class _Alike(NamedTuple):
     which: Tensor
     extent: int
 
-    def some(self, start: int, end: int) -> _Alike:
+    def between(self, start: int, end: int) -> _Alike:
         """The highlights from `start` to before `end`."""
         highlights = Highlights(*(values[start:end] for values in self.highlights))
         return self._replace(highlights=highlights, which=self.which[start:end])
@@ -76,25 +76,25 @@ def draw(
         squares = Squares.of(alike.extent)
         rims, cut = [], []
         for part in parts:
-            one = aperture.kernel(alike.radii, 2 * alike.extent + 1, part)
-            rims.append(_Rim(one))
-            cut.append(squares.cut(one))
-        lit = torch.stack([(one != 0).any(-1).any(-1) for one in cut])  # [M, U, across, across]
+            kernels = aperture.kernel(alike.radii, 2 * alike.extent + 1, part)
+            rims.append(_Rim(kernels))
+            cut.append(squares.cut(kernels))
+        lit = torch.stack([(x != 0).any(-1).any(-1) for x in cut])  # [M, U, across, across]
         wanted = lit.any(0)
         step = max(1, _SAMPLES // max(rim.row.shape[1] for rim in rims))
         for start in range(0, len(alike.which), step):
-            some = alike.some(start, start + step)
+            chunk = alike.between(start, start + step)
             for m, rim in enumerate(rims):
-                canvas.add_rims(m, rim, some)
-            at, r = some.highlights.at, some.highlights.signed_radius.detach()
-            for stopped in obstruction.stopped(at, r, squares, wanted[some.which]):
-                which = some.which[stopped.light]
-                for m, one in enumerate(cut):
-                    here = torch.nonzero(lit[m][which, stopped.row, stopped.column])[:, 0]
-                    light, row, column, share = (x.index_select(0, here) for x in stopped)
-                    values = one[which[here], row, column] * share
+                canvas.add_rims(m, rim, chunk)
+            at, r = chunk.highlights.at, chunk.highlights.signed_radius.detach()
+            for occluded in obstruction.occluded(at, r, squares, wanted[chunk.which]):
+                which = chunk.which[occluded.light]
+                for m, kernels in enumerate(cut):
+                    index = torch.nonzero(lit[m][which, occluded.row, occluded.column])[:, 0]
+                    light, row, column, share = (x.index_select(0, index) for x in occluded)
+                    values = kernels[which[index], row, column] * share
                     corner = at[light] + squares.corners(row, column)
-                    canvas.take(m, corner, values, some.highlights.light[light])
+                    canvas.subtract(m, corner, values, chunk.highlights.light[light])
     return canvas.summed(highlights.light.dtype)
 
 
@@ -108,7 +108,7 @@ def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
         extent = spreads[first]
         count = max(1, _SAMPLES // (2 * extent + 1) ** 2)
         end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + count])
-        chosen = everything.some(ends[first], ends[end])
+        chosen = everything.between(ends[first], ends[end])
         if len(chosen.which):
             yield _Alike(
                 chosen.highlights, everything.radii[first:end], chosen.which - first, extent
@@ -158,7 +158,7 @@ class _Rim:
 
 
 class _Canvas:
-    """Changes along the rows of a picture, to be summed."""
+    """Changes along the rows of a picture; their sums along rows are the picture."""
 
     def __init__(self, parts: int, colors: Tensor, box: Box) -> None:
         """Begin without changes.
@@ -185,7 +185,7 @@ class _Canvas:
             part, rows + at[:, 0] - alike.extent, columns + at[:, 1] - alike.extent, changes, colors
         )
 
-    def take(self, part: int, corner: Tensor, values: Tensor, colors: Tensor) -> None:
+    def subtract(self, part: int, corner: Tensor, values: Tensor, colors: Tensor) -> None:
         """Subtract occluded squares of discs.
 
         Args:
@@ -206,9 +206,8 @@ class _Canvas:
         height, width = self._size
         rows, columns = rows - self._box.top, columns - self._box.left
         rows = torch.where(rows < 0, height - 1, rows).clamp(max=height - 1)
-        columns = columns.clamp(
-            0, width - 1
-        )  # a disc that begins before the box begins in its first column
+        # a disc that begins before the box begins in its first column
+        columns = columns.clamp(0, width - 1)
         spot = (rows * width + columns).flatten()
         for c, canvas in enumerate(self._changes[part]):
             canvas.index_add_(0, spot, (changes * colors[:, c]).flatten())

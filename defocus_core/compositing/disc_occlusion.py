@@ -32,7 +32,7 @@ _SAMPLES = 1 << 17
 
 
 class Squares(NamedTuple):
-    """How discs are cut into a square number of squares.
+    """The division of discs into a square number of squares.
 
     Attributes:
         extent: Px from the middle of a disc to its farthest pixel.
@@ -61,7 +61,7 @@ class Squares(NamedTuple):
         return torch.stack([row, column], 1) * self.side - self.extent
 
 
-class Stopped(NamedTuple):
+class Occluded(NamedTuple):
     """Squares of discs that are occluded in part.
 
     Attributes:
@@ -96,7 +96,7 @@ class _Lights(NamedTuple):
     small: Tensor
     spread: Tensor
 
-    def some(self, which: Tensor | slice) -> _Lights:
+    def select(self, which: Tensor | slice) -> _Lights:
         """The lights of these indices."""
         return _Lights(*(values[which] for values in self))
 
@@ -116,15 +116,15 @@ class Obstruction:
         blocks = blocks_of(places, len(radii))
         self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
 
-    def stopped(
+    def occluded(
         self, at: Tensor, radius: Tensor, squares: Squares, wanted: Tensor
-    ) -> Iterator[Stopped]:
+    ) -> Iterator[Occluded]:
         """The squares of the discs of lights that are occluded in part.
 
         Args:
             at: [n, 2] rows and columns.
             radius: [n] px.
-            squares: How discs are cut.
+            squares: The division of the discs.
             wanted: [n, across, across] bool, squares to test.
         """
         rungs, lights = self._lights(at, radius)
@@ -132,14 +132,14 @@ class Obstruction:
             return
         count = max(1, _SAMPLES // (len(rungs) * squares.across**2))
         for start in range(0, len(at), count):
-            chunk = lights.some(slice(start, start + count))
-            met = self._met(chunk, rungs, squares) & wanted[start : start + count, None]
-            where = torch.nonzero(met.any(1))  # [m, 3]
+            chunk = lights.select(slice(start, start + count))
+            in_front = self._in_front(chunk, rungs, squares) & wanted[start : start + count, None]
+            where = torch.nonzero(in_front.any(1))  # [m, 3]
             for positions in torch.split(where, max(1, _SAMPLES // squares.side**2)):
                 light, row, column = positions.unbind(1)
-                corner, slices = squares.corners(row, column), met[light, :, row, column]
-                share = self._share(chunk.some(light), rungs, slices, corner, squares.side)
-                yield Stopped(light + start, row, column, share)
+                corner, slices = squares.corners(row, column), in_front[light, :, row, column]
+                share = self._share(chunk.select(light), rungs, slices, corner, squares.side)
+                yield Occluded(light + start, row, column, share)
 
     def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
         """The rungs [k] that may stand before any of the lights, and the lights."""
@@ -152,7 +152,7 @@ class Obstruction:
         scale = spread / torch.where(small[:, None], 1.0, r)
         return rungs, _Lights(at, limit, before[:, rungs], scale, small, spread)
 
-    def _met(self, lights: _Lights, rungs: Tensor, squares: Squares) -> Tensor:
+    def _in_front(self, lights: _Lights, rungs: Tensor, squares: Squares) -> Tensor:
         """Whether slices are in blocks before squares of discs: [n, k, across, across] bool."""
         first = torch.arange(squares.across, device=rungs.device) * squares.side - squares.extent
         last = (first + squares.side - 1).clamp(max=squares.extent)
@@ -160,13 +160,13 @@ class Obstruction:
         for axis, length in enumerate(self._places.shape):
             at, small = lights.at[:, axis, None, None], lights.small[:, None, None]
             lens = lights.spread[:, :, None]
-            one, other = (
+            blocks = [
                 _pixel(
                     at, torch.where(small, end * lens, lights.scale[:, :, None] * x), length
                 ).div(BLOCK, rounding_mode="floor")
                 for end, x in ((-1, first), (1, last))
-            )
-            low, high = torch.minimum(one, other), torch.maximum(one, other)
+            ]
+            low, high = torch.minimum(*blocks), torch.maximum(*blocks)
             ends.append((low, high + 1))
         (top, below), (left, beside) = ends
         columns, sums = self._sums.shape[2], self._sums.flatten()
@@ -193,21 +193,21 @@ class Obstruction:
         """
         H, W = self._places.shape
         offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
-        stopped = lights.scale.new_zeros(len(corner), side, side)
+        occluded_share = lights.scale.new_zeros(len(corner), side, side)
         points = _lens_points(lights.scale)
-        of_lens = lights.scale.new_zeros(len(corner), len(points))
+        lens_shares = lights.scale.new_zeros(len(corner), len(points))
         for k, rung in enumerate(rungs.tolist()):
             small_index = torch.nonzero(slices[:, k] & lights.small)[:, 0]
             if len(small_index):
-                subset = lights.some(small_index)
+                subset = lights.select(small_index)
                 row, column = (
                     _pixel(subset.at[:, axis, None], subset.spread[:, k, None] * u, length)
                     for axis, u, length in ((0, points[:, 1], H), (1, points[:, 0], W))
                 )
                 share = self._covered(row * W + column, rung, subset.limit[:, None])
-                of_lens.index_add_(0, small_index, share)
+                lens_shares.index_add_(0, small_index, share)
             large_index = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
-            subset = lights.some(large_index)
+            subset = lights.select(large_index)
             y, x = (subset.scale[:, k, None, None] * offset[large_index]).unbind(1)
             row, column = (
                 _pixel(subset.at[:, axis, None], away, length)
@@ -215,9 +215,9 @@ class Obstruction:
             )
             spot = row[:, :, None] * W + column[:, None, :]
             share = self._covered(spot, rung, subset.limit[:, None, None])
-            stopped.index_add_(0, large_index, share)
-        mean = of_lens.clamp(max=1).mean(1)[:, None, None]
-        return torch.where(lights.small[:, None, None], mean, stopped.clamp(max=1))
+            occluded_share.index_add_(0, large_index, share)
+        mean = lens_shares.clamp(max=1).mean(1)[:, None, None]
+        return torch.where(lights.small[:, None, None], mean, occluded_share.clamp(max=1))
 
     def _covered(self, spot: Tensor, rung: int, limit: Tensor) -> Tensor:
         """The coverage of pixels by a slice, of surfaces whose radius is below the limit."""

@@ -30,21 +30,21 @@ _NEGLIGIBLE = 1e-3
 _EQUAL = 1e-6
 
 
-def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+def share_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
     """The share of a layer that shows behind the layers composited so far.
 
     The layer adds min(1, (1 - A) / a) of itself, where A is the coverage so far and a that of the
     layer: A grows by min(a, 1 - A). A negative a, by rounding or by overshoot, counts as 0.
 
     Args:
-        seen: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1].
+        front: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1].
         layer: The layer, in the same form.
         full: Greatest coverage, if not the whole part.
 
     Returns:
         [M, 1, h, w].
     """
-    left, coverage = full - seen[:, -1:], layer[:, -1:]
+    left, coverage = full - front[:, -1:], layer[:, -1:]
     added = torch.minimum(left, coverage * _STEEP).clamp_(min=0)
     share = added / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
     if torch.is_grad_enabled():
@@ -53,29 +53,29 @@ def share_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Ten
     return share
 
 
-def add_behind(seen: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
     """Add a layer behind the layers composited so far.
 
     Args:
-        seen: As in `share_behind`. Overwritten by the result unless gradients are enabled.
+        front: As in `share_behind`. Overwritten by the result unless gradients are enabled.
         layer: As in `share_behind`.
         full: As in `share_behind`.
     """
-    share = share_behind(seen, layer, full)
-    return seen.addcmul(layer, share) if torch.is_grad_enabled() else seen.addcmul_(layer, share)
+    share = share_behind(front, layer, full)
+    return front.addcmul(layer, share) if torch.is_grad_enabled() else front.addcmul_(layer, share)
 
 
-def filled_up_to(seen: Tensor, full: Tensor | float, doubt: float) -> Tensor:
+def filled_up_to(front: Tensor, full: Tensor | float, doubt: float) -> Tensor:
     """Greatest coverage [M, 1, h, w] if small gaps may be errors of the visible layers.
 
     A gap g smaller than the doubt d is filled by g / d alone: a gap of d / 10 by a tenth.
 
     Args:
-        seen: [M, C + 1, h, w], as in `share_behind`.
+        front: [M, C + 1, h, w], as in `share_behind`.
         full: Greatest coverage without doubt.
         doubt: Gap in coverage up to which it may be an error.
     """
-    covered = seen[:, -1:]
+    covered = front[:, -1:]
     left = (full - covered).clamp(min=0)
     return covered + left * (left / doubt).clamp(max=1)
 
@@ -97,30 +97,30 @@ def add_within(total: Tensor, box: Box, values: Tensor, share: Tensor | None = N
     return total.addcmul(pad(values, around), pad(share, around))
 
 
-def add_light(seen: Tensor, light: Tensor) -> Tensor:
+def add_light(front: Tensor, light: Tensor) -> Tensor:
     """Add light [M, C, h, w] that covers nothing to [M, C + 1, h, w].
 
-    `seen` is overwritten by the result unless gradients are enabled.
+    `front` is overwritten by the result unless gradients are enabled.
     """
     if torch.is_grad_enabled():
-        return torch.cat([seen[:, :-1] + light, seen[:, -1:]], 1)
-    seen[:, :-1].add_(light)
-    return seen
+        return torch.cat([front[:, :-1] + light, front[:, -1:]], 1)
+    front[:, :-1].add_(light)
+    return front
 
 
-def is_full(seen: Tensor, full: Tensor | float = 1.0) -> bool:
+def is_full(front: Tensor, full: Tensor | float = 1.0) -> bool:
     """Whether no coverage is left to fill, if testing it is worthwhile.
 
-    False if `seen` needs a gradient, for the coverage left has one; and on a GPU, where reading the
-    answer stalls for longer than it takes to add a layer of share 0.
+    False if `front` needs a gradient, for the coverage left has one; and on a GPU, where reading
+    the answer stalls for longer than it takes to add a layer of share 0.
 
     Args:
-        seen: [M, C + 1, h, w], as in `share_behind`.
+        front: [M, C + 1, h, w], as in `share_behind`.
         full: As in `share_behind`.
     """
-    if seen.requires_grad or not seen.is_cpu:
+    if front.requires_grad or not front.is_cpu:
         return False
-    return float((full - seen[:, -1:]).amax()) <= _FULL * torch.finfo(seen.dtype).eps
+    return float((full - front[:, -1:]).amax()) <= _FULL * torch.finfo(front.dtype).eps
 
 
 def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:
@@ -141,11 +141,13 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
     return total
 
 
-def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: bool = True) -> Tensor:
+def picture(
+    front: Tensor, weights: Sequence[float] | None = None, *, signed: bool = True
+) -> Tensor:
     """The image [C, h, w] of all parts together, divided by their coverage.
 
     Args:
-        seen: [M, C + 1, h, w].
+        front: [M, C + 1, h, w].
         weights: M shares of the parts in the aperture; None if they are equal.
         signed: Whether colours may be negative; else negative rounding and overshoot become 0.
 
@@ -153,8 +155,8 @@ def picture(seen: Tensor, weights: Sequence[float] | None = None, *, signed: boo
     positive.
     """
     if weights is not None and max(weights) - min(weights) > _EQUAL:
-        seen = seen * seen.new_tensor(weights)[:, None, None, None]
-    total = seen.sum(0) if len(seen) > 1 else seen[0]
+        front = front * front.new_tensor(weights)[:, None, None, None]
+    total = front.sum(0) if len(front) > 1 else front[0]
     image = total[:-1] / total[-1:]
     return image if signed else image.clamp_(min=0)
 

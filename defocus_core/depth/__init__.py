@@ -6,5 +6,7 @@ step: the difference of radii of two neighbours. hard edge: one step between two
 ramp: several steps of one direction. soft edge: a ramp several px wide and long.
 average: a pixel of an edge that holds the mean depth of both surfaces, in distance or disparity.
 level: one of few values of a quantised depth map. terrace: neighbours of one level.
+silhouette: the pixels on the nearer side of edges. profile: the colours across a silhouette.
+displacement: px by which an edge of depth lies outside that of the colours; negative inside.
 band: rows of a frame that are examined at once.
 """

@@ -8,16 +8,26 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.antialiased import EVERY, averaged_from, averages
+from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.depth.noise import noise_from, scatter_counts
 from defocus_core.depth.quantised import Levels, are_few, levels_of
-from defocus_core.depth.ramps import STEEP, are_steeper, steepness
-from defocus_core.depth.soft_edges import LEAST, hard_steps, slope_of_soft_edges, softness
-from defocus_core.images.neighbourhoods import ends_of
+from defocus_core.depth.soft_edges import (
+    LEAST,
+    STEEP,
+    are_steeper,
+    hard_steps,
+    slope_of_soft_edges,
+    softness,
+    steepness,
+)
+from defocus_core.images.neighbourhoods import ends_of, extreme_around
 from defocus_core.images.source import Pixels, bands, spread
 from defocus_core.runtime.threads import threaded
 
 # Greatest share of a frame that edges take; a frame that is steep beyond it is a steep surface.
-_EDGES = 0.25
+_EDGES = 0.4
+# Greatest half width in px of a soft edge; px beside it in which the surfaces are seen.
+_HALF_EDGE, _BESIDE_EDGE = 14, 16
 # Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
 _RARE = 16
 # Distance of the rows that are searched for levels, counted from either end of the frame.
@@ -51,9 +61,11 @@ class DepthRepair(NamedTuple):
         noise: Standard deviation in px of noise, which is smoothed; None for no noise.
         antialiased: For edges of averages, made hard: the signed radius in px at infinity if they
             average distance, infinity if they average disparity; None if edges are no averages.
-        soft_edges: Slope in px per px of soft edges, moved to the edges of colour; None if most
-            edges are hard.
-        ramps: Whether ramps between surfaces become steps.
+        soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft;
+            None where most are hard.
+        ramps: Whether steep ramps between surfaces become steps.
+        edge_shifts: The displacements of edges from those of the colours, which are undone; None
+            if edges stay where they are.
         quantised: Whether steps between few levels become slopes.
     """
 
@@ -61,6 +73,7 @@ class DepthRepair(NamedTuple):
     antialiased: float | None = None
     soft_edges: float | None = None
     ramps: bool = False
+    edge_shifts: EdgeShifts | None = None
     quantised: bool = False
 
 
@@ -123,14 +136,14 @@ def _repair(
         return DepthRepair()  # a picture of such depth is refused
     softest = float(torch.stack([band.softest for band in of_bands]).amax())
     ramps = torch.stack([band.ramps for band in of_bands]).sum()
-    soft_edges = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
-    soft = _mostly_soft(signed_radius, soft_edges) if softest > soft_edges else 0
+    slope = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
+    soft = _mostly_soft(signed_radius, slope) if softest > slope else 0
     averaged = torch.stack([band.averages for band in of_bands]).sum(0)
     antialiased = averaged_from(averaged, infinity, soft)
     return DepthRepair(
         antialiased=antialiased,
         ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
-        soft_edges=soft_edges if soft and antialiased is None else None,
+        soft_edges=slope if soft and antialiased is None else None,
         quantised=are_few([band.levels for band in of_bands]),
     )
 
@@ -155,9 +168,15 @@ def _mostly_soft(signed_radius: Pixels, steep: float) -> int:
     """
     soft = hard = 0
     for first, last in bands(*signed_radius.shape):
-        above = min(first, 2)
-        around = signed_radius[first - above : last + 2].detach()
-        soft += int((softness(steepness(around))[above : above + last - first] > steep).sum())
-        hard += int(hard_steps(around, steep))
+        above = min(first, _BESIDE_EDGE + 1)
+        around = signed_radius[first - above : last + _BESIDE_EDGE + 1].detach()
+        slope = softness(steepness(around))
+        least, most = (
+            extreme_around(around, _BESIDE_EDGE, end) for end in (torch.minimum, torch.maximum)
+        )
+        to_ends = torch.maximum(around - least, most - around)
+        is_edge = (slope > steep) & (to_ends < _HALF_EDGE * slope)
+        soft += int(is_edge[above : above + last - first].sum())
+        hard += int(hard_steps(signed_radius[max(first - 2, 0) : last + 2].detach(), steep))
     height, width = signed_radius.shape
     return soft if hard < soft < _EDGES * height * width else 0

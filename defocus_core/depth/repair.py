@@ -10,14 +10,14 @@ from torch import Tensor
 from defocus_core.depth.antialiased import AROUND as AROUND_AVERAGES
 from defocus_core.depth.antialiased import without_averages
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed
+from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
+from defocus_core.depth.edge_shifts import measured_shifts, with_shifted_edges
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
-from defocus_core.depth.ramps import AROUND as AROUND_RAMPS
-from defocus_core.depth.ramps import without_ramps
-from defocus_core.depth.soft_edges import AROUND as AROUND_SOFT_EDGES
-from defocus_core.depth.soft_edges import with_hard_edges
+from defocus_core.depth.soft_edges import AROUND as AROUND_RAMPS
+from defocus_core.depth.soft_edges import STEEP, without_ramps
 from defocus_core.images.derived import Repaired, held
 from defocus_core.images.source import Pixels
 
@@ -53,11 +53,14 @@ def repaired(
     if repair.antialiased is not None:
         repair_window = partial(without_averages, infinity=repair.antialiased)
         radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
-    elif repair.soft_edges is not None:
-        repair_window = partial(with_hard_edges, steep=repair.soft_edges)
-        radii = hold_all(Repaired(radii, repair_window, AROUND_SOFT_EDGES, pixels), radii, pixels)
-    elif repair.ramps:
-        radii = hold_all(Repaired(radii, without_ramps, AROUND_RAMPS), radii)
+    elif repair.soft_edges is not None or repair.ramps:
+        repair_window = partial(without_ramps, steep=repair.soft_edges or STEEP)
+        radii = hold_all(Repaired(radii, repair_window, AROUND_RAMPS), radii)
+    shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
+    if shifts is not None:
+        repair = repair._replace(edge_shifts=shifts)
+        repair_window = partial(with_shifted_edges, shifts=shifts)
+        radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, pixels), radii, pixels)
     if repair.quantised:
         radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
     return radii, repair

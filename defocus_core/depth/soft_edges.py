@@ -1,9 +1,9 @@
-"""Soft edges of depth moved to the edges of the colours.
+"""Soft edges of depth made steps: estimated depth ramps where one surface ends before another.
 
-Estimated depth is soft at edges, and a few px off: beside a sharp subject a strip of the background
-would stay sharp, or the subject's own rim would be blurred. Around a ramp of several px each pixel
-is linked to the surface to which the path of least change in colour leads (geodesic segmentation,
-Criminisi et al. 2008), and gets the radius of this surface if the depth map gave it to another.
+Where the radius changes by more than a pixel or so per pixel, the depth map has smoothed an edge:
+the lens would not see so steep a surface as one. Pixels of the ramp would be drawn with radii
+between those of both surfaces, sharp where the ramp crosses the focus. From each pixel the paths of
+steepest descent and ascent lead to both ends of the ramp; it gets the radius of the closer end.
 """
 
 from __future__ import annotations
@@ -11,25 +11,68 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.depth.ramps import AROUND as AROUND_RAMPS
-from defocus_core.depth.ramps import STEEP, steepness, without_ramps
-from defocus_core.images.neighbourhoods import extreme_around, halfway, steps_beside
-from defocus_core.images.sparse_masks import numbers_of
+from defocus_core.images.neighbourhoods import (
+    extreme_around,
+    halfway,
+    squares_around,
+    steps_beside,
+)
+from defocus_core.images.sparse_masks import exceeding, places_of
 
-# Least slope of a soft edge: as a share of the range of radii in a frame, per px, and in px per px;
-# the place of a less steep edge does not matter. Least step of a hard edge, as a multiple of this
-# slope, and the greatest slope beside it, as a share of the step.
-_SHARE, LEAST, _STEP, _LEVEL = 1 / 40, 0.7513, 2.013, 0.2513
-# Px around a ramp in which the edge may be, and px around it that still have radii of the ramp.
-_BESIDE, _FOOT = 8, 1
-# Greatest length of a path in px; cost of each px of it, where the greatest change of colour is 1.
-_FARTHEST, _PER_PX = 24, 0.02
-# Px around a pixel in which the surfaces on both sides of an edge are seen.
-_SIDES = 12
-# Costs of paths are whole units in the upper bits, the number of the pixel at the end in the lower.
-_UNITS, _NUMBERS, _NOWHERE = 1 << 12, 1 << 32, 1 << 62
+# Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
+STEEP = 1.513
+# Least slope of a soft edge: as a share of the range of radii in a frame, per px, and in px per px.
+_SHARE, LEAST = 1 / 60, 0.1513
+# Least step of a hard edge, as a multiple of this slope, and the greatest slope beside it, as a
+# share of the step.
+_STEP, _LEVEL = 2.013, 0.2513
+# Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
+_FOOT, _FOOT_SHARE = 10, 0.3
+# Longest path to an end of a ramp: 2 ** _DOUBLINGS px.
+_DOUBLINGS = 4
 # Px around a pixel that decide what it becomes.
-AROUND = max(_FARTHEST, _SIDES) + _BESIDE + 2 + AROUND_RAMPS
+AROUND = (1 << _DOUBLINGS) + _FOOT + 2
+
+
+def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
+    """Radii [H, W] px with steps in the place of ramps.
+
+    Hard edges and slopes of up to `steep` px per px stay, and so do slopes of more than 16 px.
+    """
+    slope = steepness(signed_radius)
+    core = torch.where(exceeding(slope, steep), slope, 0.0)
+    if not bool(core.any()):
+        return signed_radius
+    ramp = slope > _FOOT_SHARE * extreme_around(core, _FOOT, torch.maximum)
+    foot, ramp = ramp, core > 0
+    for _ in range(_FOOT):  # what lies beside it without a link is another surface
+        ramp |= extreme_around(ramp, 1, torch.maximum) & foot
+    at, (H, W) = places_of(ramp), signed_radius.shape
+    index = at[:, 0] * W + at[:, 1]
+    radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
+    beside = radii.detach()[around]
+    near, far = (
+        _path_ends(around.gather(1, step[:, None])[:, 0], index, H * W)
+        for step in (beside.argmin(1), beside.argmax(1))
+    )
+    found = ~(ramp.flatten()[near] | ramp.flatten()[far])
+    low, high = radii[near], radii[far]
+    ends = torch.where(radii[index] < halfway(low, high), low, high)
+    return radii.index_copy(0, index, torch.where(found, ends, radii[index])).reshape(H, W)
+
+
+def _path_ends(next_pixel: Tensor, index: Tensor, count: int) -> Tensor:
+    """The pixels [n] at the ends of the paths from n pixels; a path ends at any other pixel.
+
+    Args:
+        next_pixel: [n] numbers of the next pixels on the paths.
+        index: [n] numbers of the pixels.
+        count: Number of pixels of the frame.
+    """
+    path = torch.arange(count, device=index.device).index_copy(0, index, next_pixel)
+    for _ in range(_DOUBLINGS):
+        path = path.index_copy(0, index, path[path[index]])
+    return path[index]
 
 
 def softness(slope: Tensor) -> Tensor:
@@ -44,7 +87,7 @@ def softness(slope: Tensor) -> Tensor:
 def slope_of_soft_edges(least: float, most: float) -> float:
     """The least slope in px per px of a soft edge in a frame with radii from least to most px.
 
-    A surface may be steep, but no visible surface goes through the whole range within 40 px.
+    A surface may be steep, but no visible surface goes through the whole range within 60 px.
     """
     return min(STEEP, max(LEAST, (most - least) * _SHARE))
 
@@ -59,72 +102,32 @@ def hard_steps(signed_radius: Tensor, steep: float) -> Tensor:
     return count
 
 
-def with_hard_edges(signed_radius: Tensor, pixels: Tensor, steep: float = STEEP) -> Tensor:
-    """Radii [H, W] px without ramps; soft edges lie where the colours of [C, H, W] change."""
-    steps = without_ramps(signed_radius, steep)
-    soft = extreme_around(softness(steepness(signed_radius)) > steep, 1, torch.maximum)
-    if not bool(soft.any()):
-        return steps
-    unsure = extreme_around(soft, _BESIDE, torch.maximum)
-    index = numbers_of(unsure)
-    foot, least, most = (
-        extreme_around(values, by, choice).flatten().index_select(0, index)
-        for values, by, choice in (
-            (soft, _FOOT, torch.maximum),
-            (steps, _SIDES, torch.minimum),
-            (steps, _SIDES, torch.maximum),
-        )
-    )
-    radii, between = steps.flatten(), halfway(least, most)
-    colors = pixels.detach().to(torch.promote_types(pixels.dtype, torch.float32))
-    linked, ends = _linked(colors, radii.detach(), unsure, index)
-    if not len(ends):
-        return steps
-    own = radii.index_select(0, index)
-    at_end = radii.index_select(0, ends.index_select(0, linked.clamp(min=0)))
-    moved = (linked >= 0) & (foot | ((at_end > between) != (own > between)))
-    return radii.index_copy(0, index, torch.where(moved, at_end, own)).reshape(steps.shape)
+def are_steeper(steps: Tensor, dim: int, slope: float) -> bool:
+    """Whether `steepness` along an axis exceeds a positive slope anywhere, from the axis' steps."""
+    n = steps.shape[dim] - 1
+    if n < 1:
+        return False
+    first, second = steps.narrow(dim, 0, n), steps.narrow(dim, 1, n)
+    if float((first * second).amax()) <= slope * slope:  # so one of each two is not steeper
+        return False
+    up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
+    return max(float(up), -float(down)) > slope
 
 
-def _linked(pixels: Tensor, radii: Tensor, unsure: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-    """The pixel around an area to which the path of least change leads, for each pixel of the area.
+def steepness(signed_radius: Tensor) -> Tensor:
+    """The slope of ramps at pixels [H, W] in px per px; 0 where there is no ramp.
 
-    Args:
-        pixels: [C, H, W].
-        radii: [H * W] px; of two ends at equal cost the one with the greater radius is chosen.
-        unsure: [H, W] bool, the area.
-        index: [n] numbers of its pixels.
-
-    Returns:
-        [n] places in the list of pixels around the area, -1 where all are too far; and this list,
-        [m] numbers of pixels.
+    The lesser slope of both sides of a pixel, where both go up or both go down, along the steeper
+    axis: 0 beside a hard edge.
     """
-    H, W = unsure.shape
-    row = index.div(W, rounding_mode="floor")
-    column = index - row * W
-    ways = ((row > 0, -W), (row < H - 1, W), (column > 0, -1), (column < W - 1, 1))
-    beside = [index + step * inside for inside, step in ways]
-    color = pixels.clamp(min=0).flatten(1)
-    light = color.sum(0) + torch.finfo(color.dtype).tiny
-    own, own_light = color.index_select(1, index), light.index_select(0, index)
-    costs = []
-    for there in beside:
-        change = (color.index_select(1, there) - own).abs().sum(0)
-        share = change / (light.index_select(0, there) + own_light)
-        costs.append(((share + _PER_PX) * _UNITS).round().long() * _NUMBERS)
-    around = torch.zeros_like(unsure).flatten()
-    around[torch.cat(beside)] = True
-    ends = torch.nonzero(around & ~unsure.flatten())[:, 0]
-    ends = ends[torch.argsort(radii.index_select(0, ends), descending=True)]
-    n, m = len(index), len(ends)
-    place = torch.empty_like(around, dtype=torch.long)
-    place[torch.cat([index, ends])] = torch.arange(n + m, device=index.device)
-    neighbours = [place.index_select(0, there) for there in beside]
-    # the farther of two ends, which comes first, wins a tie
-    paths = torch.cat([torch.full_like(index, _NOWHERE), torch.arange(m, device=index.device)])
-    for _ in range(_FARTHEST):
-        least = paths[:n]
-        for there, cost in zip(neighbours, costs, strict=True):
-            least = torch.minimum(least, paths.index_select(0, there).add_(cost))
-        paths = torch.cat([least, paths[n:]])
-    return torch.where(least < _NOWHERE, least % _NUMBERS, -1), ends
+    r = signed_radius.detach()
+    slope = torch.zeros_like(r)
+    for dim in (-1, -2):
+        if r.shape[dim] > 2:
+            step = r.diff(dim=dim)
+            n = step.shape[dim] - 1
+            first, second = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
+            inner = slope.narrow(dim, 1, n)
+            for least in (torch.minimum(first, second), -torch.maximum(first, second)):
+                torch.maximum(inner, least, out=inner)
+    return slope

@@ -98,7 +98,7 @@ def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     brightest = light.amax(0)
     lone = brightest > _BRIGHTER * (light.sum(0) - brightest)
     counts = torch.where(lone, (light == brightest).to(radii), 1.0)
-    return means(signed_radius).index_put((y, x), _of_most(radii, counts))
+    return means(signed_radius).index_put((y, x), _majority_radius(radii, counts))
 
 
 def _known_means(color: Tensor, known: Tensor) -> Tensor:
@@ -111,7 +111,7 @@ def _known_means(color: Tensor, known: Tensor) -> Tensor:
 def _known_radii_in_cells(signed_radius: Tensor, known: Tensor) -> Tensor:
     """Radii in cells of the known surfaces of cells; 0 where no pixel is known."""
     radii, share = (torch.stack(_corners(x)) for x in (signed_radius, known.to(signed_radius)))
-    return _of_most(torch.where(share > 0, radii, 0.0), share) / 2
+    return _majority_radius(torch.where(share > 0, radii, 0.0), share) / 2
 
 
 def _any_known(known: Tensor) -> Tensor:
@@ -119,7 +119,7 @@ def _any_known(known: Tensor) -> Tensor:
     return halved(known.float(), _EVEN) > 0
 
 
-def _of_most(radii: Tensor, share: Tensor) -> Tensor:
+def _majority_radius(radii: Tensor, share: Tensor) -> Tensor:
     """The mean radius [...] in px of the surface that has most of the pixels of a cell.
 
     Args:

@@ -40,11 +40,11 @@ class Content(NamedTuple):
 
 
 class Slicing(NamedTuple):
-    """How the slices of visible, of known hidden or of invented surfaces are blurred.
+    """The blur of the slices of visible, of known hidden or of invented surfaces.
 
     Attributes:
         stride: Whether every slice (1) or every other (2) is used.
-        halvings: How many times resolution is halved before anything else.
+        halvings: How many times resolution is halved before the blur.
         windows: The window of each slice of the frame, in cells of this resolution.
         layers: For each slice the number of its layer; slices of a layer share a window, and are of
             one octave of blur if they are hidden.
@@ -88,7 +88,7 @@ class Division(NamedTuple):
         parts: Its parts: those of the centre view; then a left and a right half, if these are
             composited besides.
         weights: The share of the aperture that each part is.
-        groups: The parts of the centre view; and of left and right, if they are others.
+        groups: The parts of the centre view; and those of left and right, if they differ.
     """
 
     aperture: Aperture
@@ -109,7 +109,7 @@ class Division(NamedTuple):
 
 @dataclass(frozen=True)
 class Frame:
-    """What all regions of one picture share.
+    """The data that all regions of one picture share.
 
     Attributes:
         size: (height, width) in px; in cells for a picture that is rendered at half size.

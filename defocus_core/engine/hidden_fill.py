@@ -43,8 +43,8 @@ class Hidden:
 
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
-        of_groups = (octaves.get(octave) for octaves in self._octaves)
-        return [None if cells is None else self._enlarged(cells) for cells in of_groups]
+        groups = (octaves.get(octave) for octaves in self._octaves)
+        return [None if cells is None else self._enlarged(cells) for cells in groups]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
@@ -124,7 +124,7 @@ class Filling:
         octaves: dict[int, list[tuple[Box, Tensor]]] = {}
         for number, shown in sorted(layers.items()):
             octaves.setdefault(self._octave_of_layer[number], []).append((shown.box, shown.layer))
-        sums = {octave: summed(of_octave, size) for octave, of_octave in octaves.items()}
+        sums = {octave: summed(octave_layers, size) for octave, octave_layers in octaves.items()}
         return {octave: total for octave, total in sums.items() if total is not None}
 
     def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Shares:
@@ -150,8 +150,8 @@ def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> Samples:
 
 def _side(octaves: dict[int, Tensor], side: int) -> Tensor | None:
     """The sum of the octaves nearer than focus (-1), in focus (0) or beyond (1); None for none."""
-    of_side = [cells for octave, cells in octaves.items() if (octave > 0) - (octave < 0) == side]
-    return reduce(torch.add, of_side) if of_side else None
+    cells = [x for octave, x in octaves.items() if (octave > 0) - (octave < 0) == side]
+    return reduce(torch.add, cells) if cells else None
 
 
 def _occluding(layers: list[Tensor]) -> Tensor:

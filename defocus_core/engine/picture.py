@@ -41,7 +41,7 @@ class Picture:
         *,
         hold: bool = False,
     ) -> None:
-        """Repair the depth, and look at the picture as a whole.
+        """Repair the depth, and prepare the frame.
 
         Args:
             image: [C, H, W], linear light.
@@ -49,7 +49,7 @@ class Picture:
             settings: The options.
             hidden: The known layer behind the visible surface.
             hold: Whether there is room for the repaired radii and the cells of a large picture that
-                is no tensor; without room they are made again whenever they are cut.
+                is no tensor; without room they are computed anew for each window.
 
         Raises:
             ValueError: If a value is not finite, or a CoC does not fit psf_ks.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 
 from defocus_core.blur.fourier import reach
-from defocus_core.blur.kernel_bank import Spread, alike, spreads_of, windows
+from defocus_core.blur.kernel_bank import Spread, merged_layers, spreads_of, windows
 from defocus_core.compositing.highlights import reached_by, threshold
 from defocus_core.engine.frame import (
     NEIGHBOURHOOD,
@@ -38,7 +38,7 @@ def frame_of(
     *,
     quantised: bool = False,
 ) -> Frame:
-    """Look at a picture as a whole.
+    """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
     Args:
         pixels: [C, H, W], in px or in cells.
@@ -79,7 +79,7 @@ def frame_of(
 
     def slicing(resolution: _Resolution, layer_of: list[int], stride: int) -> Slicing:
         halvings, spreads, reaches = resolution
-        of_slices = windows(
+        slice_windows = windows(
             tuple(r / (1 << halvings) for r in radii),
             spreads,
             layer_of,
@@ -91,12 +91,12 @@ def frame_of(
             pixels.device,
         )
         cells = [spread.px for spread in spreads]
-        return Slicing(stride, halvings, of_slices, layer_of, cells, reaches)
+        return Slicing(stride, halvings, slice_windows, layer_of, cells, reaches)
 
     order = turns(radii, numbers)
     octaves = kept_apart(radii, order.ahead)
-    known = alike(numbers, octaves, fine.spreads, tile)
-    invented = alike(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
+    known = merged_layers(numbers, octaves, fine.spreads, tile)
+    invented = merged_layers(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
     slices = Slices(
         radii,
         order,
@@ -109,10 +109,10 @@ def frame_of(
 
 
 class _Resolution(NamedTuple):
-    """The slices at a resolution that is halved some times before anything else.
+    """The slices at the resolution at which their blur begins.
 
     Attributes:
-        halvings: How many times it is halved.
+        halvings: How many times the resolution of the frame is halved.
         spreads: The spread of each slice, in cells of this resolution.
         reaches: For each slice the greatest reach of its light in px of the frame.
     """
@@ -155,7 +155,7 @@ def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
 
 
 def _halved(size: tuple[int, int], halvings: int) -> tuple[int, int]:
-    """(height, width) of a tile or of a region after resolution is halved some times."""
+    """(height, width) in cells of a tile or a region, after `halvings` of its resolution."""
     # pixels lie between cells, and may begin in the middle of one
     more = 3 if halvings else 0
     return (size[0] >> halvings) + more, (size[1] >> halvings) + more

@@ -25,7 +25,7 @@ from defocus_core.images.tiling import Grid
 from defocus_core.images.views import Views
 from defocus_core.inpainting.frame_pyramid import Backdrop
 from defocus_core.inpainting.hidden_layers import hidden_layer
-from defocus_core.inpainting.known_layer import Behind, told_apart
+from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, unmixed, whole
 from defocus_core.layers.sliced_surface import Samples
@@ -51,17 +51,17 @@ class Region:
         pixels: Pixels,
         signed_radius: Pixels,
         behind: Behind | None,
-        beyond: Backdrop | None,
+        backdrop: Backdrop | None,
     ) -> None:
-        """Find the surfaces of a region.
+        """Find the surfaces of a region, and prepare their blur.
 
         Args:
-            frame: The frame that it is a part of.
-            grid: Its tiles.
+            frame: The frame that the region is a part of.
+            grid: The tiles of the region.
             pixels: [C, H, W] of the frame, in any precision.
             signed_radius: [H, W] px of the frame.
             behind: The known layer behind the visible surface of the frame.
-            beyond: The frame at low resolution; None if nothing in it is hidden.
+            backdrop: The frame at low resolution; None if nothing in it is hidden.
         """
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
         core, content, slices = grid.box, frame.content, frame.slices
@@ -86,8 +86,8 @@ class Region:
         places = position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         self._hidden: list[Filling] = []
-        if beyond is not None:
-            self._hidden = self._fillings(own.color, signed_radius, behind, beyond, outer)
+        if backdrop is not None:
+            self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
         self._highlights: Tensor | None = None
         if highlights and places is not None:
             aperture, parts, *_ = frame.division
@@ -139,19 +139,19 @@ class Region:
         color: Tensor,
         signed_radius: Tensor,
         behind: Behind | None,
-        beyond: Backdrop,
+        backdrop: Backdrop,
         outer: Box,
     ) -> list[Filling]:
         """The hidden surfaces that have pixels; nothing is invented where a surface is known."""
         frame, inner, inside = self._frame, self._inner, self._inside
         halvings = frame.slices.invented.halvings
-        invented = hidden_layer(color, signed_radius, beyond, outer, inside, halvings=halvings)
+        invented = hidden_layer(color, signed_radius, backdrop, outer, inside, halvings=halvings)
         if invented is None:
             return []
         surfaces = [(invented, False)]
         if behind is not None:
             known = behind.within(inner, inside.of(signed_radius), frame.dtype)
-            known, invented = told_apart(known, invented, axes(frame.size, inner.top, inner.left))
+            known, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
             surfaces = [(known, True), (invented, False)]
         return [
             Filling(frame, self._grid, inner, surface, known=is_known)
@@ -160,10 +160,10 @@ class Region:
         ]
 
     def tile(self, index: int) -> Views:
-        """One of its tiles."""
+        """The views of one tile of the region."""
         frame, box = self._frame, self._tiles[index]
         fronts, needed = self._fronts(index)
-        whole, *halves = self._lit(fronts.seen, index)
+        whole, *halves = self._lit(fronts.by_group, index)
         trust = self._trust(whole[:, -1], fronts.invented, box)
         counts, signed = self._counts(index, needed), frame.content.signed
         _, parts, weights, groups = frame.division
@@ -177,8 +177,8 @@ class Region:
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
         if not signed:
-            of_both = torch.stack([left, right])
-            counts |= count_negative(of_both, frame.content.limit)
+            pair = torch.stack([left, right])
+            counts |= count_negative(pair, frame.content.limit)
         return Views([centre, *pair_of(centre, left, right, signed=signed)], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
@@ -199,8 +199,8 @@ class Region:
         if len(values) == 1:
             return values[0]
         _, _, weights, groups = self._frame.division
-        of_parts = values.new_tensor(weights[groups[0]])[:, None, None]
-        return (values * of_parts).sum(0) / of_parts.sum()
+        shares = values.new_tensor(weights[groups[0]])[:, None, None]
+        return (values * shares).sum(0) / shares.sum()
 
     def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
@@ -228,7 +228,7 @@ class Region:
 
     def _is_inside(self, box: Box) -> bool:
         """Whether no light from beyond the frame reaches a rectangle."""
-        if self._frame.size == (1, 1):  # in which it spreads no farther, but is lost
+        if self._frame.size == (1, 1):  # without a reach in the frame, but light leaves it
             return False
         return box == box.grown(0, self._frame.box.shrunk(self._frame.farthest))
 
@@ -241,7 +241,7 @@ class Region:
         return [box.of(share) for share in self._in_frame]
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
-        """What was computed for a tile, out of what a renderer that skips nothing would.
+        """Counts of the work done for a tile, and of the work of a renderer that skips nothing.
 
         Args:
             index: Number of the tile.
@@ -267,7 +267,7 @@ class Region:
             "slice_tiles_reduced": sum(halvings > 0 for _, halvings in done),
             "slice_tiles_culled": len(visible) + len(hidden) - len(done),
             "layer_pixels": area * len(pieces),
-            "layer_pixels_done": sum(piece.patch.seen.area for piece in pieces),
+            "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
             "tiles_culled": int(len(needed) < len(reaching)),
             "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
         }

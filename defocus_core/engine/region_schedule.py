@@ -16,13 +16,13 @@ from defocus_core.images.box import Box
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid, regions
 from defocus_core.images.views import Views, added, joined
-from defocus_core.inpainting.frame_pyramid import backdrop
+from defocus_core.inpainting.frame_pyramid import backdrop_of
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.runtime.checkpointing import recomputed, unrecorded
 from defocus_core.runtime.threads import threaded
 
 # Counts that are 0 for copied tiles.
-_OF_COMPUTED = (
+_COMPUTED = (
     *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
     *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
 )
@@ -48,9 +48,11 @@ def rendered_regions(
         progress: As for `render`.
     """
     threads, content = frame.settings.threads, frame.content
-    beyond = None
+    backdrop = None
     if content.edges:
-        beyond = backdrop(pixels, signed_radius, content.limit, frame.dtype, threads, content.ends)
+        backdrop = backdrop_of(
+            pixels, signed_radius, content.limit, frame.dtype, threads, content.ends
+        )
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
@@ -70,7 +72,7 @@ def rendered_regions(
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
         with unrecorded():
-            region = Region(frame, part, pixels, signed_radius, hidden, beyond)
+            region = Region(frame, part, pixels, signed_radius, hidden, backdrop)
             each = range(len(part.tiles))
             for tile in threaded(recomputed(region.tile), each, threads // at_once):
                 tiles.append(tile)
@@ -79,13 +81,13 @@ def rendered_regions(
         views = joined(rows)
         return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
-    def handed_over() -> Iterator[Views]:
+    def in_order() -> Iterator[Views]:
         parts = threaded(recomputed(computed), grids, at_once)
         for grid, part in zip(grids, parts, strict=True):
             report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
             yield part
 
-    return handed_over()
+    return in_order()
 
 
 def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
@@ -100,8 +102,8 @@ def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None)
             where.of(whole).copy_(computed)
         area, tiles = area - part.box.area, tiles - counts["tiles"]
     slice_tiles = 2 * len(frame.slices.radii) * tiles
-    of_copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
-    return Views(images, trust, added([counts, of_copies]), grid.box)
+    copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
+    return Views(images, trust, added([counts, copies]), grid.box)
 
 
 def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
@@ -122,8 +124,8 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
     trust = pixels.new_empty(1, *pixels.shape[-2:])
     counts: list[dict[str, int]] = []
     for part in parts:
-        for image, of_part in zip(images, part.images, strict=True):
-            part.box.of(image).copy_(of_part)
+        for image, part_image in zip(images, part.images, strict=True):
+            part.box.of(image).copy_(part_image)
         part.box.of(trust).copy_(part.trust)
         counts.append(part.stats)
     return Views(images, trust, total(frame, counts), Box(0, 0, *pixels.shape[-2:]))
@@ -131,7 +133,7 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
 
 def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
-    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_OF_COMPUTED, 0), *counts])}
+    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
 
 
 def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:

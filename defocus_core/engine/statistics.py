@@ -44,33 +44,33 @@ class Survey(NamedTuple):
 
 
 def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
-    """Look at each pixel of a picture once.
+    """The statistics of a picture, of which each pixel is read once.
 
     Args:
         pixels: [C, H, W].
         signed_radius: [H, W] px.
         dtype: Type of the numbers to compute with.
-        threads: Number of bands of rows that are looked at at once.
+        threads: Number of bands of rows read at once.
 
     Raises:
         ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
     """
     H, W = signed_radius.shape
 
-    def of_band(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+    def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
         """Statistics of radii, the least and greatest value of colours, counts of brightness."""
         band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         brightness = band.amax(0)
-        radii = _of_radii(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
+        radii = _radius_statistics(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
         return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
 
-    of_radii, values, counts = [], [], torch.zeros((), dtype=torch.long)
-    for radii, pair, of_brightness in threaded(of_band, bands(H, W), threads):
-        of_radii.append(radii)
-        values.append(pair)
-        counts = of_brightness + counts
-    least, most, down, across = torch.stack(of_radii).unbind(1)
-    darkest, brightest = torch.stack(values).unbind(1)
+    radius_ends, color_ends, counts = [], [], torch.zeros((), dtype=torch.long)
+    for radii, pair, band_counts in threaded(band_statistics, bands(H, W), threads):
+        radius_ends.append(radii)
+        color_ends.append(pair)
+        counts = band_counts + counts
+    least, most, down, across = torch.stack(radius_ends).unbind(1)
+    darkest, brightest = torch.stack(color_ends).unbind(1)
     ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
     for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
         if not bool(torch.isfinite(pair).all()):
@@ -145,12 +145,12 @@ def needs_double(survey: Survey, limit: float) -> bool:
     return bright > _RANGE * survey.brightness.exactly(median)
 
 
-def _of_radii(band: Tensor, rows: tuple[int, int]) -> Tensor:
-    """Least and greatest radius of some rows, and greatest step down and across: [4].
+def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
+    """Least and greatest radius of a band, and greatest step down and across: [4].
 
     Args:
-        band: [h, W] px, these rows and the one below them.
-        rows: First and last row + 1.
+        band: [h, W] px, the rows of the band and the one below them.
+        rows: First row of the band, and the one after the last.
     """
     radii = band[: rows[1] - rows[0]]
     steps = band.diff(dim=0), radii.diff(dim=1)

@@ -64,7 +64,7 @@ def cost(stream: Stream) -> Cost:
     tiles = [tile for grid in grids for tile in grid.tiles]
     blocks, edges = _visible_blocks(frame, radius)
     plan = visible_slices(blocks, frame.slices.visible.reaches, tiles) if tiles else []
-    seen = sum(map(len, plan))
+    reached = sum(map(len, plan))
     samples = stream.image.shape[0] + 1
     around = sum(_around(frame, grid).area for grid in grids)
     full_size = 1.0 if frame.quality.hidden_halvings else _AT_FULL_SIZE
@@ -77,7 +77,7 @@ def cost(stream: Stream) -> Cost:
         + _BEHIND * full_size * edges * max(map(abs, frame.content.ends))
     )
     slices, count = len(frame.slices.radii), len(frame.grid.tiles)
-    return Cost(slices, count, 2 * slices * count, seen, _PICTURE + samples * work)
+    return Cost(slices, count, 2 * slices * count, reached, _PICTURE + samples * work)
 
 
 def memory_bound(stream: Stream, threads: int, at_once: int) -> float:

@@ -76,12 +76,12 @@ class Span(NamedTuple):
         return Span(self.first - by, self.end + by)
 
 
-def least_transform(lit: Span, seen: Span, margin: int) -> int:
+def least_transform(lit: Span, wanted: Span, margin: int) -> int:
     """The least length of a circular transform that wraps around outside of the wanted samples.
 
     Args:
         lit: Samples that are not 0.
-        seen: Samples that are wanted, none farther than the margin from `lit`.
+        wanted: Samples to compute, none farther than the margin from `lit`.
         margin: Reach of the kernel in samples.
     """
-    return max(seen.end - lit.first, lit.end - seen.first) + margin
+    return max(wanted.end - lit.first, lit.end - wanted.first) + margin

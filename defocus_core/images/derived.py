@@ -16,6 +16,9 @@ from defocus_core.runtime.threads import threaded
 # A derived picture of at most this many pixels is kept in memory, even if its source is not.
 _HELD = 1 << 22
 
+# Least height of a band, as a multiple of the margin.
+_BAND_OF_MARGIN = 6
+
 Cut = slice | EllipsisType
 
 
@@ -26,11 +29,13 @@ class Derived(ABC):
         shape: Shape of the whole picture.
         dtype: Type of its numbers.
         device: Device of its windows.
+        margin: Distance in px within which pixels of the sources decide a pixel.
     """
 
     shape: tuple[int, ...]
     dtype: torch.dtype
     device: torch.device
+    margin: int = 0
 
     @abstractmethod
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
@@ -52,8 +57,9 @@ class Derived(ABC):
         return torch.cat([pixels[..., ::step, ::stride] for pixels in read], -2)
 
     def at_once(self, threads: int) -> Tensor:
-        """The whole picture, computed in bands."""
-        rows = bands(*self.shape[-2:])
+        """The whole picture, computed in bands much higher than what they need around them."""
+        height, width = self.shape[-2:]
+        rows = bands(height, width, _BAND_OF_MARGIN * self.margin)
         return torch.cat(
             list(threaded(lambda band: self[..., band[0] : band[1], :], rows, threads)), -2
         )
@@ -94,7 +100,7 @@ class Repaired(Derived):
             around: Distance in px within which pixels decide a repair.
             others: Further pictures [..., H, W] of the frame that the repair needs.
         """
-        self._given, self._repair, self._around = (signed_radius, *others), repair, around
+        self._given, self._repair, self.margin = (signed_radius, *others), repair, around
         self.shape = tuple(signed_radius.shape)
         self.dtype = signed_radius.dtype
         self.device = signed_radius.device
@@ -103,5 +109,5 @@ class Repaired(Derived):
         """The window [rows, columns], each a pair of first and end."""
         (top, below), (left, beside) = rows, columns
         box = Box(top, left, below - top, beside - left)
-        around = box.grown(self._around, Box(0, 0, *self.shape[-2:]))
+        around = box.grown(self.margin, Box(0, 0, *self.shape[-2:]))
         return box.seen_from(around).of(self._repair(*map(around.of, self._given)))

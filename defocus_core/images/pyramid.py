@@ -40,8 +40,8 @@ def places(
         halvings: Number of times resolution is halved.
     """
     return [
-        place_of(at[:, d], here, there, halvings)
-        for d, (here, there) in enumerate(zip(fine, coarse, strict=True))
+        place_of(at[:, d], fine_axis, coarse_axis, halvings)
+        for d, (fine_axis, coarse_axis) in enumerate(zip(fine, coarse, strict=True))
     ]
 
 
@@ -67,7 +67,7 @@ def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis
 
 
 class Halves(NamedTuple):
-    """How the pixels of one axis make those of half resolution.
+    """The halving of one axis: the pixels that are missing for whole cells, and the cells.
 
     Attributes:
         before: Pixels missing at the beginning.
@@ -83,7 +83,7 @@ class Halves(NamedTuple):
 
 
 def halves(length: int, axis: Axis) -> Halves:
-    """How an axis of `length` pixels is halved."""
+    """The halving of an axis of `length` pixels."""
     before = axis.middle % 2
     after = (length + before + axis.odd) % 2
     middle = Axis((axis.middle + before) // 2, axis.odd)

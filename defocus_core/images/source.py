@@ -35,9 +35,9 @@ class Source(Protocol):
 Pixels = Tensor | Source
 
 
-def bands(height: int, width: int) -> list[tuple[int, int]]:
-    """First row and end of each band of a frame."""
-    rows = max(1, min(_ROWS, _PIXELS // width))
+def bands(height: int, width: int, least: int = 1) -> list[tuple[int, int]]:
+    """First row and end of each band of a frame; bands have at least so many rows."""
+    rows = max(least, min(_ROWS, _PIXELS // width))
     return list(pairwise([*range(0, height, rows), height]))
 
 

@@ -1,4 +1,4 @@
-"""Sparse masks: the few pixels at edges, found faster than by torch.nonzero on a CPU.
+"""Sparse masks: the few pixels at edges, listed faster than by torch.nonzero on a CPU.
 
 torch compares, and looks for values that are not 0, one by one; it converts and adds many at once.
 """

@@ -85,7 +85,7 @@ def batch(pictures: Sequence[Views]) -> Views:
 
 
 def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
-    """The sums of counts."""
+    """The sums of counts by name."""
     total: dict[str, int] = {}
     for each in counts:
         total |= {name: total.get(name, 0) + count for name, count in each.items()}

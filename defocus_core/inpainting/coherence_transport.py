@@ -53,11 +53,11 @@ def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
     if n < 1:
         return torch.zeros_like(values)
     same = (r.diff(dim=dim).abs() < _SAME).to(values.dtype)
-    total, count = (_of_both(each, dim) for each in (values.diff(dim=dim) * same, same))
+    total, count = (_sum_beside(each, dim) for each in (values.diff(dim=dim) * same, same))
     return total / count.clamp(min=1)
 
 
-def _of_both(steps: Tensor, dim: int) -> Tensor:
+def _sum_beside(steps: Tensor, dim: int) -> Tensor:
     """For each pixel the sum of the two values between it and its neighbours; one at a border."""
     n = steps.shape[dim] - 1
     first, last = steps.narrow(dim, 0, 1), steps.narrow(dim, n, 1)

@@ -34,7 +34,7 @@ _NOWHERE = -2 << _LEVELS << _BITS
 # Rounding to grains is shifted by this share of a grain: many radii from half-precision depth lie
 # in the middle between two grains.
 _BETWEEN = 0.013
-# Greatest radius in px that is told apart; no frame is as wide.
+# Radii of more px count as this one; no frame is as wide.
 _MOST = 4096.0
 # Number of cells dilated at once.
 _PIXELS = 1 << 20
@@ -154,7 +154,7 @@ def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis,
 
 
 def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
-    """How far edges [h, w] from `edges_in_cells` reach, whose radii differ by `span` px at most.
+    """The reach of edges [h, w] from `edges_in_cells`, whose radii differ by `span` px at most.
 
     The edges are overwritten.
     """
@@ -184,10 +184,10 @@ def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
             n = edges.shape[dim] - stride
             if n < 1:
                 continue
-            for some in torch.split(edges, max(1, _PIXELS // edges.shape[dim]), 1 - dim):
-                fallen = some - fall
+            for lines in torch.split(edges, max(1, _PIXELS // edges.shape[dim]), 1 - dim):
+                fallen = lines - fall
                 for target, source in ((0, stride), (stride, 0)):
-                    side = some.narrow(dim, target, n)
+                    side = lines.narrow(dim, target, n)
                     torch.maximum(side, fallen.narrow(dim, source, n), out=side)
         reached, stride = reached + stride, 2 * stride
     return edges

@@ -1,7 +1,7 @@
 """The pyramid of the whole frame, from which hidden surfaces are continued.
 
 A surface behind a depth edge is continued from pictures of a quarter of the resolution and less.
-These, and the map of how far each edge reaches, are made once for all regions of the frame.
+These pictures, and the map of the reach of each edge, are computed once for the whole frame.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Backdrop(NamedTuple):
     Attributes:
         levels: At a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
             structure tensor.
-        reach: How far its edges reach.
+        reach: The reach of its depth edges.
         fine: Where the middle of the frame is at full resolution.
     """
 
@@ -51,7 +51,7 @@ class Backdrop(NamedTuple):
     fine: tuple[Axis, Axis]
 
 
-def backdrop(
+def backdrop_of(
     pixels: Pixels,
     signed_radius: Pixels,
     limit: float = math.inf,
@@ -59,7 +59,7 @@ def backdrop(
     threads: int = 1,
     ends: tuple[float, float] | None = None,
 ) -> Backdrop:
-    """Make the pyramid and the reach of a frame.
+    """The pyramid of a frame, and the reach of its edges.
 
     Args:
         pixels: [C, H, W] linear.
@@ -73,8 +73,8 @@ def backdrop(
     device = signed_radius.device
     dtype = dtype or pixels.dtype
     if ends is None:
-        of_bands = torch.stack([ends_of(b) for b in banded(signed_radius)])
-        ends = (float(of_bands.amin()), float(of_bands.amax()))
+        band_ends = torch.stack([ends_of(b) for b in banded(signed_radius)])
+        ends = (float(band_ends.amin()), float(band_ends.amax()))
     least, most = ends
     grain = grain_of(least, most)
     fine = axes((H, W))

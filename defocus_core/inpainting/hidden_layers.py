@@ -19,7 +19,7 @@ from defocus_core.images.box import Box
 from defocus_core.images.sparse_masks import numbers_of
 from defocus_core.inpainting.coherence_transport import FARTHEST, transported
 from defocus_core.inpainting.disocclusion import DECAY, STEP
-from defocus_core.inpainting.frame_pyramid import Backdrop, backdrop
+from defocus_core.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.inpainting.push_pull import Asked, continued, nearby
 from defocus_core.inpainting.region_view import View, half_view, whole_view
 from defocus_core.inpainting.two_layer_pyramid import Level, coarser, pixels_of
@@ -55,7 +55,7 @@ class HiddenLayer(NamedTuple):
 def hidden_layer(
     image: Tensor,
     signed_radius: Tensor,
-    beyond: Backdrop | None = None,
+    backdrop: Backdrop | None = None,
     box: Box | None = None,
     wanted: Box | None = None,
     *,
@@ -66,7 +66,7 @@ def hidden_layer(
     Args:
         image: [C, H, W] linear.
         signed_radius: [H, W] px.
-        beyond: The frame that this is a part of; None if it is the whole.
+        backdrop: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
         wanted: Where in it the layer matters; None if everywhere.
         halvings: How many times the resolution of the layer is halved, at most once.
@@ -75,11 +75,11 @@ def hidden_layer(
         The layer within `wanted`, None where nothing is hidden.
     """
     H, W = signed_radius.shape
-    beyond = beyond or backdrop(image, signed_radius)
+    backdrop = backdrop or backdrop_of(image, signed_radius)
     box = box or Box(0, 0, H, W)
     middle = (
-        beyond.fine[0]._replace(middle=beyond.fine[0].middle - box.top),
-        beyond.fine[1]._replace(middle=beyond.fine[1].middle - box.left),
+        backdrop.fine[0]._replace(middle=backdrop.fine[0].middle - box.top),
+        backdrop.fine[1]._replace(middle=backdrop.fine[1].middle - box.left),
     )
     view = whole_view(image, signed_radius, middle)
     half = coarser(pixels_of(view.picture, signed_radius, middle))
@@ -87,7 +87,7 @@ def hidden_layer(
         view = half_view(half, middle)
     cells = view.cells(wanted or Box(0, 0, H, W))
     near = cells.of(view.near)
-    revealed = beyond.reach.behind(near, cells, view.middle, halvings)
+    revealed = backdrop.reach.behind(near, cells, view.middle, halvings)
     index = numbers_of(revealed.shown > near + STEP)
     if not len(index):
         return None
@@ -95,10 +95,10 @@ def hidden_layer(
     at = torch.stack([row + cells.top, index - row * cells.width + cells.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
     asked = Asked(at, front + (source - front) * _BETWEEN, ceiling)
-    values, tensor, weight = _from_the_frame(
-        beyond, asked._replace(at=view.pixels(at) + at.new_tensor(box[:2]))
+    values, tensor, weight = _from_frame(
+        backdrop, asked._replace(at=view.pixels(at) + at.new_tensor(box[:2]))
     )
-    values, weight = _with_what_is_next(values, weight, half, view, asked)
+    values, weight = _with_adjacent_surface(values, weight, half, view, asked)
     surface = (values / torch.where(weight > 0, weight, 1.0)).T
     lines = torch.nonzero(source - shown <= _LINES)[:, 0]
     if len(lines):
@@ -115,27 +115,27 @@ def hidden_layer(
     return HiddenLayer(color, radius, radius.detach() > near + STEP)
 
 
-def _from_the_frame(beyond: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Tensor]:
+def _from_frame(backdrop: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
     Args:
-        beyond: The frame.
+        backdrop: The frame.
         asked: n pixels, by their rows and columns in the frame.
 
     Returns:
         Colour and radius [C + 1, n] times weights, structure tensors [3, n], and weights [n].
     """
-    finest, *levels = beyond.levels
-    both, weight = nearby(finest, asked, beyond.fine)
+    finest, *levels = backdrop.levels
+    both, weight = nearby(finest, asked, backdrop.fine)
     colors = [level.channels(slice(-3)) for level in levels]
-    values, weight = continued((both[:-3], weight), colors, asked, beyond.fine)
+    values, weight = continued((both[:-3], weight), colors, asked, backdrop.fine)
     tensor = both[-3:]
     for level in levels[: _DIRECTIONS - 1]:
-        tensor = tensor + nearby(level.channels(slice(-3, None)), asked, beyond.fine)[0]
+        tensor = tensor + nearby(level.channels(slice(-3, None)), asked, backdrop.fine)[0]
     return values, tensor, weight
 
 
-def _with_what_is_next(
+def _with_adjacent_surface(
     values: Tensor, weight: Tensor, half: Level, view: View, asked: Asked
 ) -> tuple[Tensor, Tensor]:
     """Values and weights, but first those of the surface next to each cell, at half resolution."""

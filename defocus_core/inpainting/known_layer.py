@@ -36,7 +36,7 @@ class Behind(NamedTuple):
         return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
 
 
-def told_apart(
+def separated(
     known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
 ) -> tuple[HiddenLayer, HiddenLayer]:
     """The hidden part of a known layer, and the part of an invented layer that is still needed.

@@ -2,7 +2,7 @@
 
 A pixel takes the mean of the surfaces around it at a fine level, by the weight that they have
 there, and the rest from the next coarser level, until its weight is enough (Gortler et al. 1996).
-The levels are made once (`two_layer_pyramid.py`), and read only for the pixels that are asked for.
+The levels are computed once (`two_layer_pyramid.py`), and read for the hidden pixels alone.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Asked(NamedTuple):
     border: Tensor
     ceiling: Tensor
 
-    def some(self, index: Tensor) -> Asked:
+    def select(self, index: Tensor) -> Asked:
         """The pixels of these indices."""
         return Asked(*(values.index_select(0, index) for values in self))
 
@@ -49,7 +49,7 @@ def continued(
     """Values of hidden pixels, each from the surfaces that are continued to it.
 
     Args:
-        finest: Values and weights from the finest level, as returned here.
+        finest: Values and weights from the finest level, in the form of the result.
         levels: The coarser levels, from fine to coarse, K channels.
         asked: The hidden pixels, at full resolution.
         fine: Where the middle of the frame is at full resolution.
@@ -62,7 +62,7 @@ def continued(
         lacking = torch.nonzero(weight < _ENOUGH)[:, 0]
         if not len(lacking):
             break
-        more, share = nearby(level, asked.some(lacking), fine)
+        more, share = nearby(level, asked.select(lacking), fine)
         missing = 1 - weight.index_select(0, lacking)
         values = values.index_add(1, lacking, more * missing)
         weight = weight.index_add(0, lacking, share * missing)

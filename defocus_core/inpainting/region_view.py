@@ -35,10 +35,10 @@ class View(NamedTuple):
         """The places of cells [n, 2], also between cells, as rows and columns of pixels."""
         step = 1 << self.halvings
         places = [
-            (at[:, d] - here.middle) * step + there.middle
-            if here.odd
-            else ((at[:, d] - here.middle) * step + there.middle).float() + (step - 1) / 2
-            for d, (here, there) in enumerate(zip(self.middle, self.fine, strict=True))
+            (at[:, d] - axis.middle) * step + fine.middle
+            if axis.odd
+            else ((at[:, d] - axis.middle) * step + fine.middle).float() + (step - 1) / 2
+            for d, (axis, fine) in enumerate(zip(self.middle, self.fine, strict=True))
         ]
         return torch.stack(places, 1)
 
@@ -47,11 +47,9 @@ class View(NamedTuple):
         if not self.halvings:
             return box
         ends = []
-        for start, length, here, there in zip(
-            box[:2], box[2:], self.middle, self.fine, strict=True
-        ):
-            half = halves(length, Axis(there.middle - start, there.odd))
-            ends.append((here.middle - half.axis.middle, half.length))
+        for start, length, axis, fine in zip(box[:2], box[2:], self.middle, self.fine, strict=True):
+            half = halves(length, Axis(fine.middle - start, fine.odd))
+            ends.append((axis.middle - half.axis.middle, half.length))
         return Box(ends[0][0], ends[1][0], ends[0][1], ends[1][1])
 
 

@@ -14,31 +14,31 @@ from defocus_core.images.tiling import BLOCK
 
 
 class Patch(NamedTuple):
-    """The rectangles of a layer that a tile sees.
+    """The rectangles of a layer in and around a tile.
 
     Attributes:
         lit: Where the layer has pixels whose blur reaches the tile.
-        seen: Where in the tile the blurred layer shows.
+        shown: Where in the tile the blurred layer shows.
         margin: Blur radius of the layer, in px.
     """
 
     lit: Box
-    seen: Box
+    shown: Box
     margin: int
 
     @property
     def least(self) -> tuple[int, int]:
         """The least (height, width) of a transform that blurs the layer."""
         down, across = (
-            least_transform(lit, seen, self.margin)
-            for lit, seen in zip(self.lit.sides, self.seen.sides, strict=True)
+            least_transform(lit, shown, self.margin)
+            for lit, shown in zip(self.lit.sides, self.shown.sides, strict=True)
         )
         return down, across
 
     @property
     def corner(self) -> tuple[int, int]:
         """The first row and column of both rectangles."""
-        return min(self.lit.top, self.seen.top), min(self.lit.left, self.seen.left)
+        return min(self.lit.top, self.shown.top), min(self.lit.left, self.shown.left)
 
     def transformed(self, size: tuple[int, int], tile: Box, most: tuple[int, int]) -> Box:
         """The window that a transform of the given (height, width) reads.
@@ -61,13 +61,13 @@ def patch_of(held: tuple[Span, Span], wanted: tuple[Span, Span], margin: int) ->
         layer_side.within(wanted_side.grown(margin))
         for layer_side, wanted_side in zip(held, wanted, strict=True)
     ]
-    seen = [
+    shown = [
         layer_side.grown(margin).within(wanted_side)
         for layer_side, wanted_side in zip(lit, wanted, strict=True)
     ]
-    if min(span.length for span in (*lit, *seen)) <= 0:
+    if min(span.length for span in (*lit, *shown)) <= 0:
         return None
-    return Patch(Box.over(*lit), Box.over(*seen), margin)
+    return Patch(Box.over(*lit), Box.over(*shown), margin)
 
 
 def patches(
@@ -93,9 +93,9 @@ def patches(
             patch_of(_in_px(held, whole), tile.sides, margin)
             if all(first < end for first, end in held)
             else None
-            for tile, held in zip(tiles, zip(*of_tiles, strict=True), strict=True)
+            for tile, held in zip(tiles, zip(*layer_extents, strict=True), strict=True)
         ]
-        for margin, of_tiles in zip(margins, zip(*extents, strict=True), strict=True)
+        for margin, layer_extents in zip(margins, zip(*extents, strict=True), strict=True)
     ]
 
 

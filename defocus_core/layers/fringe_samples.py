@@ -89,14 +89,14 @@ class FringeSamples:
                 the frame.
             middle: The middle of the frame, counted from the first sample.
         """
-        of_layer = self._range(number, 0, self._rows)
-        of_rung = torch.nonzero(self._rung[of_layer] == rung)[:, 0] + of_layer.start
-        if not len(of_rung):
+        layer_range = self._range(number, 0, self._rows)
+        rung_index = torch.nonzero(self._rung[layer_range] == rung)[:, 0] + layer_range.start
+        if not len(rung_index):
             return
-        samples = self._samples.index_select(1, of_rung) / step**2
+        samples = self._samples.index_select(1, rung_index) / step**2
         sides = []  # for each axis: the cells that have a share of a sample, and their shares
         for position, axis, start in zip((self._y, self._x), middle, cells[:2], strict=True):
-            offset = position[of_rung] - axis.middle
+            offset = position[rung_index] - axis.middle
             lower = offset.div(step, rounding_mode="floor")
             upper = (offset - lower * step).to(samples.dtype) / step
             sides.append(
@@ -106,10 +106,10 @@ class FringeSamples:
             )
         flat = pixels.view(len(pixels), -1)
         channel = torch.arange(len(pixels), device=pixels.device)[:, None]
-        for y, of_row in sides[0]:
-            for x, of_column in sides[1]:
+        for y, row_share in sides[0]:
+            for x, column_share in sides[1]:
                 inside = (y >= 0) & (y < cells.height) & (x >= 0) & (x < cells.width)
                 spot = torch.where(inside, y * cells.width + x, 0)
-                shares = of_row * of_column * inside
+                shares = row_share * column_share * inside
                 # in a fixed order on a GPU, too, where index_add_ has none
                 flat.index_put_((channel, spot), samples * shares, accumulate=True)

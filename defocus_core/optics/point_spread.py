@@ -229,22 +229,22 @@ def _left_half(radii: Tensor, ks: int, aperture: Aperture) -> Tensor:
     beside = torch.nn.functional.pad(even, (1, 1))
     slope = (beside[..., :-2] - beside[..., 2:]) / 2
     x = torch.arange(ks, dtype=even.dtype, device=even.device) - (ks - 1) / 2
-    shift, of_odd, of_slope = (
+    shift, odd_shift, slope_shift = (
         radii * aperture.centroid(LEFT)[0],
         odd.sum(-2) @ x,
         slope.sum(-2) @ x,
     )
     near = (_EXACT_AREAS - radii.detach().abs()) / (_EXACT_AREAS - _EXACT_DISTANCE)
     near = near.clamp(0, 1) * ~_cut(radii, ks)
-    times = 1 + near * (_ratio(shift, of_odd, otherwise=1.0).clamp(max=1) - 1)
-    missing = near * _ratio(shift - times * of_odd, of_slope, otherwise=0.0)
+    times = 1 + near * (_ratio(shift, odd_shift, otherwise=1.0).clamp(max=1) - 1)
+    missing = near * _ratio(shift - times * odd_shift, slope_shift, otherwise=0.0)
     return even + times[..., None, None] * odd + missing[..., None, None] * slope
 
 
 def _ratio(part: Tensor, whole: Tensor, otherwise: float) -> Tensor:
-    """A quotient of shifts in px, where there is one."""
-    some = whole.abs() > _NO_SHIFT
-    return torch.where(some, part / torch.where(some, whole, 1.0), otherwise)
+    """The quotient of shifts in px; `otherwise` where the whole is not shifted."""
+    shifted = whole.abs() > _NO_SHIFT
+    return torch.where(shifted, part / torch.where(shifted, whole, 1.0), otherwise)
 
 
 def _three(psf: Tensor) -> Tensor:

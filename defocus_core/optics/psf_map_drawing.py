@@ -6,7 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
-# What is added to a kernel before its logarithm is taken.
+# Added to a kernel before its logarithm is taken: the darkest value shown.
 _DARKEST = 1e-4
 # Length of the scale bar in mm, and its distance from the corner in px.
 _BAR, _MARGIN = 0.1, 20

@@ -284,13 +284,13 @@ class ThinLens(PinholeCamera):
 
 
 def _fit(first: torch.Size, second: torch.Size) -> bool:
-    """Whether tensors of these shapes can be put together."""
+    """Whether tensors of these shapes can be combined by broadcasting."""
     pairs = zip(reversed(first), reversed(second), strict=False)
     return all(a == b or 1 in (a, b) for a, b in pairs)
 
 
 def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
-    """What is said of distances that are not as wanted."""
+    """The error for distances that are not as wanted."""
     bad = depth.detach()[~good].flatten()
     return ValueError(
         f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "

@@ -37,6 +37,6 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
 def unrecorded() -> AbstractContextManager[None]:
     """Inference mode unless gradients are enabled: faster than without gradients alone.
 
-    Tensors made within can take no part in a later backward pass; results are joined outside.
+    Tensors computed within can take no part in a later backward pass; results are joined outside.
     """
     return torch.inference_mode(not torch.is_grad_enabled())

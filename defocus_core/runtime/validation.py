@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import Parameter
 
 T = TypeVar("T")
-# Of what is shown of a value that is wrong.
+# Most letters of a wrong value that an error shows.
 _LETTERS = 60
 
 
@@ -35,7 +35,7 @@ def whole(name: str, value: Any, remedy: str, least: int = 1) -> int:
 
 
 def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
-    """What a number is, or a tensor that holds one.
+    """The value of a number, or of a tensor of one number, as a float.
 
     Raises:
         ValueError: If it is none, or holds several.
@@ -50,15 +50,15 @@ def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
 
 
 def positive(name: str, value: Any, remedy: str) -> float:
-    """What a number is that is above 0, and finite.
+    """The value of a number above 0 and finite, as a float.
 
     Raises:
         ValueError: If it is none.
     """
-    found = number(name, value, remedy)
-    if not 0 < found < math.inf:
-        raise ValueError(f"{name} must be positive and finite, got {found:g}; {remedy}")
-    return found
+    size = number(name, value, remedy)
+    if not 0 < size < math.inf:
+        raise ValueError(f"{name} must be positive and finite, got {size:g}; {remedy}")
+    return size
 
 
 def numbers(
@@ -68,7 +68,7 @@ def numbers(
     device: torch.device,
     remedy: str = "lengths are in mm, without a unit",
 ) -> Tensor:
-    """A tensor of at least float32: its own dtype and device, or those for what is none.
+    """A tensor of at least float32; numbers that are no tensor get the dtype and the device.
 
     Raises:
         ValueError: If it is not of real numbers.
@@ -76,18 +76,18 @@ def numbers(
     wide = dtype if dtype.itemsize >= 4 else torch.float32
     dense(name, value)
     try:
-        given = (
+        tensor = (
             value if isinstance(value, Tensor) else torch.tensor(value, dtype=wide, device=device)
         )
-        if given.is_complex() or given.dtype == torch.bool:
+        if tensor.is_complex() or tensor.dtype == torch.bool:
             raise TypeError
     except (TypeError, ValueError, RuntimeError):
         raise ValueError(
             f"{name} must be a number or a tensor of them, got {described(value)}; {remedy}"
         ) from None
-    if given.is_floating_point():
-        return given if given.dtype.itemsize >= 4 else given.float()
-    return given.to(wide)
+    if tensor.is_floating_point():
+        return tensor if tensor.dtype.itemsize >= 4 else tensor.float()
+    return tensor.to(wide)
 
 
 def dense(name: str, value: Any) -> None:
@@ -102,7 +102,7 @@ def dense(name: str, value: Any) -> None:
 
 
 def _kind(value: Tensor) -> str:
-    """What a tensor is that is not dense; empty for one that is."""
+    """The layout of a tensor that is not dense; empty for a dense one."""
     if value.is_nested:
         return "nested"
     if value.layout != torch.strided:
@@ -124,7 +124,7 @@ def flag(name: str, value: Any) -> bool:
 
 
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """One of some words.
+    """One of the choices.
 
     Raises:
         ValueError: If it is another.
@@ -134,17 +134,17 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
     raise ValueError(f"{name} must be one of {', '.join(choices)}, got {described(value)}")
 
 
-def pair(name: str, given: tuple[T, T]) -> tuple[T, T]:
+def pair(name: str, sides: tuple[T, T]) -> tuple[T, T]:
     """A width and a height.
 
     Raises:
         ValueError: If it is not two.
     """
     try:
-        width, height = given
+        width, height = sides
     except (TypeError, ValueError):
         raise ValueError(
-            f"{name} must be (width, height), got {described(given)}; a square has both, too"
+            f"{name} must be (width, height), got {described(sides)}; a square has both, too"
         ) from None
     return width, height
 
@@ -166,8 +166,8 @@ def device_named(named: torch.device | str | None) -> torch.device:
     if device.type != "cpu":
         count = getattr(getattr(torch, device.type, None), "device_count", int)()
         if (device.index or 0) >= count:
-            found = f"torch finds {count} of that kind here"
-            raise ValueError(f"device must be one that is there, got {named!r}; {found}, use cpu")
+            problem = f"device must be one that is there, got {named!r}"
+            raise ValueError(f"{problem}; torch finds {count} of that kind here, use cpu")
     return device
 
 

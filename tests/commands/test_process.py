@@ -91,9 +91,7 @@ def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback() -> None:
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "defocus: interrupted\n")
 
 
-@pytest.mark.parametrize(
-    "module", ["defocus_cli.jobs.job", "numpy._core.getlimits", "OpenImageIO"]
-)
+@pytest.mark.parametrize("module", ["defocus_cli.jobs.job", "numpy._core.getlimits", "OpenImageIO"])
 def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module: str, tmp_path: Path) -> None:
     held = depth_exr(tmp_path / "a.exr")
     for words in (("info", held), ("depth", held, "-o", tmp_path / "z.exr")):

@@ -163,7 +163,7 @@ def test_depth_is_not_repaired_if_repair_is_off(tmp_path: Path) -> None:
     assert not ran.json["pictures"][0]["done_before"], "another repair makes another picture"
 
 
-def test_soft_edges_of_depth_are_said_to_be_moved(tmp_path: Path) -> None:
+def test_soft_edges_of_depth_are_said_to_be_made_steps(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
     for name, width, said in (("soft", 8, True), ("hard", 1, False)):
@@ -172,7 +172,7 @@ def test_soft_edges_of_depth_are_said_to_be_moved(tmp_path: Path) -> None:
         depth = depth_exr(tmp_path / f"{name}.exr", metres)
         ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v", "--json")
         assert ran.code == 0
-        note = "its soft edges moved to where the colours have edges"
+        note = "its soft edges made steps"
         assert (note in ran.err) is said
         assert (note in ran.json["pictures"][0]["depth_note"]) is said
 

@@ -92,4 +92,6 @@ def line(row: DepthFormat) -> str:
 
 def test_every_format_is_listed_as_the_table_has_it() -> None:
     listed = [each for each in text("depth").splitlines() if each.startswith("| `")]
+    missing = [line(row) for row in ROWS if line(row) not in listed]
+    assert not missing, "\n".join(["defocus_cli/help/depth.md lacks:", *missing])
     assert listed == [line(row) for row in ROWS]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 import torch
 from command_line import header, pair, read_exr, render, run
 
+from defocus_cli.commands.help import text
 from defocus_cli.formats.kinds import KINDS, Kind
 from defocus_core import render as rendered
 
@@ -52,16 +54,22 @@ def test_info_tells_what_a_map_shows(kind: Kind, tmp_path: Path) -> None:
 
 
 def test_help_has_a_line_for_each_kind() -> None:
-    text = run("render", "--help").out
-    assert all(f"    {kind.name:<13} {kind.help}\n" in text for kind in KINDS.values())
-    assert f"maps ({', '.join(kind.name for kind in MAPS)})" in " ".join(text.split())
+    shown = run("render", "--help").out
+    assert all(f"    {kind.name:<13} {kind.help}\n" in shown for kind in KINDS.values())
+    assert f"maps ({', '.join(kind.name for kind in MAPS)})" in " ".join(shown.split())
+
+
+def test_the_topic_on_conventions_lists_each_kind() -> None:
+    table = text("conventions").partition("| kind | picture | file |")[2].partition("\n\n")[0]
+    listed = re.findall("`(\\w+)`", " ".join(row.split("|")[0] for row in table.split("\n|")[1:]))
+    assert listed == list(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
 def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
     radius = torch.linspace(-3, 3, 48).reshape(6, 8)
     if kind.of_radius:
-        assert kind.of_radius(radius).shape == radius.shape
+        assert kind.of_radius(radius.numpy()).shape == radius.shape
         return
     views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
     assert getattr(views, kind.name).shape[-3:] == (3 if kind.image else 1, 6, 8)

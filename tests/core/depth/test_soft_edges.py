@@ -1,5 +1,7 @@
 """Where depth is soft at an edge, the colours say where the edge is."""
 
+from functools import partial
+
 import pytest
 import torch
 from measures import inner, worst
@@ -9,13 +11,14 @@ from torch.nn.functional import max_pool2d
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.ramps import steepness, without_ramps
+from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
+from defocus_core.depth.edge_shifts import measured_shifts, with_shifted_edges
 from defocus_core.depth.soft_edges import (
-    AROUND,
     hard_steps,
     slope_of_soft_edges,
     softness,
-    with_hard_edges,
+    steepness,
+    without_ramps,
 )
 from defocus_core.images.box import Box
 from defocus_core.images.derived import Repaired
@@ -38,6 +41,14 @@ def two_colors(contrast: float = 1.0, texture: float = 0.0) -> Tensor:
     picture *= 1 + texture * (pattern(SIZE, period=24.0) - 0.5)
     picture[:, :, :MIDDLE] = torch.tensor([0.05, 0.5, 0.1], dtype=torch.float64)[:, None, None]
     return 0.3 + contrast * (picture - 0.3)
+
+
+def with_hard_edges(radius: Tensor, image: Tensor, steep: float | None = None) -> Tensor:
+    """Radii without ramps, their edges where the colours have theirs."""
+    slope = slope_of_soft_edges(float(radius.min()), float(radius.max()))
+    steps = without_ramps(radius, slope if steep is None else steep)
+    shifts = measured_shifts(steps, image, 1, soft=True)
+    return steps if shifts is None else with_shifted_edges(steps, image, shifts)
 
 
 def hard_depth(near: float = NEAR, far: float = FAR) -> Tensor:
@@ -108,11 +119,23 @@ def test_surfaces_and_hard_edges_stay(kind: str) -> None:
     assert with_hard_edges(radius, two_colors()) is radius
 
 
-@pytest.mark.parametrize("width", [2, 3])
-def test_an_edge_as_wide_as_a_pixel_or_two_is_no_soft_edge(width: int) -> None:
-    """Its place is known, whatever the colours."""
-    radius = soft_depth(width, 5)
-    assert torch.equal(with_hard_edges(radius, two_colors()), without_ramps(radius))
+@pytest.mark.parametrize("by", [-3, 2, 5])
+def test_hard_edges_that_are_all_displaced_alike_are_moved(by: int) -> None:
+    """As those of depth that was grown by some px."""
+    radius = soft_depth(1, by).repeat(10, 1)
+    shifts = measured_shifts(radius, two_colors().repeat(1, 10, 1), 1, soft=False)
+    assert shifts is not None
+    assert shifts.median == pytest.approx(by, abs=0.5)
+
+
+def test_hard_edges_where_the_colours_have_theirs_stay() -> None:
+    image = two_colors().repeat(1, 10, 1)
+    assert measured_shifts(hard_depth().repeat(10, 1), image, 1, soft=False) is None
+
+
+def test_hard_edges_that_are_displaced_here_and_there_stay() -> None:
+    radius = torch.cat([soft_depth(1, by) for by in (-9, -6, -3, 0, 3, 6)] * 2)
+    assert measured_shifts(radius, two_colors().repeat(1, 12, 1), 1, soft=False) is None
 
 
 def test_a_slope_beside_an_edge_stays() -> None:
@@ -135,10 +158,13 @@ def test_mirrored_pictures_are_mirrored(dims: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
-    image, radius = bumpy(seed, (200, 240))
-    whole = with_hard_edges(radius, image)
-    lazily = Repaired(radius, with_hard_edges, AROUND, image)
-    for box in (Box(80, 90, 30, 40), Box(0, 100, 64, 64), Box(150, 0, 50, 240), Box(99, 99, 1, 1)):
+    image, radius = bumpy(seed, (300, 340))
+    radius = without_ramps(radius, 0.4)
+    shifts = measured_shifts(radius, image, 1, soft=True)
+    assert shifts is not None
+    repair = partial(with_shifted_edges, shifts=shifts)
+    whole, lazily = repair(radius, image), Repaired(radius, repair, AROUND_SHIFTS, image)
+    for box in (Box(130, 140, 30, 40), Box(0, 150, 64, 64), Box(250, 0, 50, 340)):
         assert torch.equal(box.of(lazily), box.of(whole))
 
 
@@ -154,7 +180,7 @@ def test_soft_edges_are_told_from_surfaces(range_px: float) -> None:
     """Whatever the lens."""
     for width, soft in ((5, True), (7, True), (12, True), (2, False), (60, False)):
         assert told(soft_depth(width, far=range_px)) is soft
-    assert not told(soft_depth(7, far=4.0))  # of so little blur it does not show
+    assert not told(soft_depth(7, far=0.5))  # of so little blur it does not show
     for kind in ("slanted", "steps", "checkerboard"):
         assert not told(RADII[kind](SIZE) * range_px / 20)
     one = hard_depth(far=range_px)
@@ -166,8 +192,6 @@ def test_a_frame_of_few_pixels_has_surfaces_that_are_as_steep() -> None:
     y, x = (torch.arange(n, dtype=torch.float64) for n in (16, 24))
     radius = 0.5 * x + 0.4 * y[:, None]
     assert not told(radius)
-    image = torch.rand(3, 16, 24, dtype=torch.float64)
-    assert torch.equal(with_hard_edges(radius, image, 0.2), without_ramps(radius, 0.2))
 
 
 def test_a_steep_surface_among_hard_edges_is_none() -> None:

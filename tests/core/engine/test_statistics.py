@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.ramps import AROUND, without_ramps
+from defocus_core.depth.soft_edges import AROUND, without_ramps
 from defocus_core.engine.statistics import needs_double, surveyed
 from defocus_core.images.box import Box
 from defocus_core.images.derived import Repaired

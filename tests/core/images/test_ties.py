@@ -10,7 +10,7 @@ from torch.nn.functional import avg_pool2d, interpolate, pad
 from defocus_core import Views, render
 from defocus_core.evaluation.law_probes import rounded, worst_relative
 from defocus_core.images.neighbourhoods import halfway
-from defocus_core.inpainting.frame_pyramid import backdrop
+from defocus_core.inpainting.frame_pyramid import backdrop_of
 
 # What the last bits of a picture of order one may make of it.
 ROUNDED = 2e-5
@@ -147,5 +147,5 @@ def test_resolutions_do_not_depend_on_the_last_bit_of_the_range() -> None:
     image, radius = cards(2)
     ends = radius.clamp(-8, 8)
     ends[0, 0], ends[-1, -1] = -8.0, 8.0
-    counts = {len(backdrop(image, ends * (1 + bit)).levels) for bit in (-1e-6, 0.0, 1e-6)}
+    counts = {len(backdrop_of(image, ends * (1 + bit)).levels) for bit in (-1e-6, 0.0, 1e-6)}
     assert len(counts) == 1

@@ -10,7 +10,7 @@ from torch import Tensor
 from defocus_core.images.box import Box
 from defocus_core.images.pyramid import axes
 from defocus_core.inpainting.disocclusion import DECAY, STEP
-from defocus_core.inpainting.frame_pyramid import backdrop
+from defocus_core.inpainting.frame_pyramid import backdrop_of
 from defocus_core.inpainting.hidden_layers import hidden_layer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.render import render
@@ -145,7 +145,7 @@ def test_beside_a_wire_a_draft_has_no_line() -> None:
 @pytest.mark.parametrize("kind", ["street", "random"])
 def test_how_far_an_edge_shows_is_the_greatest_cone(kind: str) -> None:
     radius = street()[1] if kind == "street" else random_radius(SIZE)
-    reach = backdrop(radius[None], radius).reach
+    reach = backdrop_of(radius[None], radius).reach
     revealed = reach.behind(radius, Box(0, 0, *SIZE), axes(SIZE), 0)
     y, x = (at.flatten() for at in torch.meshgrid(*map(torch.arange, SIZE), indexing="ij"))
     r, edges = radius.flatten(), torch.zeros(SIZE, dtype=torch.bool)

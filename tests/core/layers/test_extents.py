@@ -38,12 +38,12 @@ def test_all_that_reaches_a_tile_is_in_its_patch(layer: torch.Tensor, margin: in
         if patch is None:
             assert not len(rows)
             continue
-        assert patch.seen == patch.seen.grown(0, tile)
+        assert patch.shown == patch.shown.grown(0, tile)
         for y, x in zip((rows + near.top).tolist(), (columns + near.left).tolist(), strict=True):
             pixel = Box(y, x, 1, 1)
             assert pixel == pixel.grown(0, patch.lit)
             shown = pixel.around(margin).grown(0, tile)
-            assert shown == shown.grown(0, patch.seen)
+            assert shown == shown.grown(0, patch.shown)
         if int(layer.sum()) == 1:
             assert max(patch.lit.height, patch.lit.width) <= BLOCK
         most = (tile.height + 2 * margin, tile.width + 2 * margin)
@@ -93,4 +93,4 @@ def test_a_transform_lies_within_that_of_the_tile(most: tuple[int, int]) -> None
         whole = Box(tile.top - margin, tile.left - margin, *most)
         assert box == box.grown(0, whole)
         assert patch.lit == patch.lit.grown(0, box)
-        assert patch.seen == patch.seen.grown(0, box)
+        assert patch.shown == patch.shown.grown(0, box)

@@ -1,0 +1,148 @@
+"""Profiles of colour across silhouettes of depth, and the displacement that they show.
+
+Deep in both surfaces their colours are known; between them lies the place where the likeness to one
+ends and the likeness to the other begins. Each displacement costs the pixels that it would leave on
+the wrong side.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.images.neighbourhoods import squares_around
+
+# Greatest displacement in px; depth in px at which the colour of a surface is sampled at most.
+FARTHEST, _DEEPEST = 12, 15
+# Reach of a profile across a silhouette, in px to both sides.
+REACH = 2 * _DEEPEST - 2
+# Half width in px of the square around a pixel in which the normal is found, and its deviation.
+NORMAL, _NORMAL_DEVIATION = 3, 1.5
+# Least deviation of the colours of a surface, as a share of the difference of both surfaces.
+_DEVIATION = 0.2
+# Difference of colours, as a share of their sum, from which a profile counts, and counts in full;
+# cost in px at which it counts 1/e, and greatest cost of a displacement, as a multiple of this.
+_CONTRAST, _FULL, _DOUBT, _MOST = 0.05, 0.2, 1.5, 4
+
+
+class Silhouette(NamedTuple):
+    """The pixels on the nearer side of edges.
+
+    Attributes:
+        at: [n, 2] rows and columns.
+        far: [n] number of the farthest pixel beside each.
+        normal: [2, n] direction (y, x) to the farther surface.
+    """
+
+    at: Tensor
+    far: Tensor
+    normal: Tensor
+
+
+def crossed_edges(
+    radii: Tensor, step: float, lines: tuple[list[int], list[int]], band: tuple[int, int]
+) -> Tensor:
+    """The nearer pixels [n, 2] of the edges that some rows and columns cross within a band.
+
+    Args:
+        radii: [H, W] px, the band and what is around it.
+        step: Least step of an edge in px.
+        lines: Numbers of the rows and of the columns.
+        band: First row of the band and its end.
+    """
+    at = []
+    for dim, numbers in enumerate(lines):
+        number = torch.tensor(numbers, dtype=torch.long, device=radii.device)
+        rise = radii.index_select(dim, number).diff(dim=1 - dim)
+        for mask, after in ((rise > step, 0), (rise < -step, 1)):
+            place = torch.nonzero(mask)
+            place[:, dim] = number[place[:, dim]]
+            place[:, 1 - dim] += after
+            at.append(place)
+    every = torch.cat(at)
+    return every[(every[:, 0] >= band[0]) & (every[:, 0] < band[1])]
+
+
+def edges_of(radii: Tensor, step: float) -> Tensor:
+    """The pixels [H, W] beside which the radius is greater by more than a step."""
+    edges = torch.zeros_like(radii, dtype=torch.bool)
+    for dim in (0, 1):
+        rise = radii.diff(dim=dim)
+        n = rise.shape[dim]
+        edges.narrow(dim, 0, n).logical_or_(rise > step)
+        edges.narrow(dim, 1, n).logical_or_(rise < -step)
+    return edges
+
+
+def silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
+    """The silhouette at pixels [n, 2] of radii [H, W]."""
+    size, flat = (radii.shape[0], radii.shape[1]), radii.flatten()
+    beside = squares_around(at, size).flatten(1)[:, [1, 3, 5, 7]]  # along the axes
+    most, which = flat[beside].max(1)
+    far = beside.gather(1, which[:, None])[:, 0]
+    own = flat[at[:, 0] * size[1] + at[:, 1]]
+    offset = torch.arange(-NORMAL, NORMAL + 1, device=at.device, dtype=flat.dtype)
+    y, x = torch.meshgrid(offset, offset, indexing="ij")
+    weight = torch.exp((y * y + x * x) / (-2 * _NORMAL_DEVIATION**2))
+    farther = flat[squares_around(at, size, NORMAL)] > ((own + most) / 2)[:, None, None]
+    normal = torch.stack([(farther * (weight * axis)).sum((1, 2)) for axis in (y, x)])
+    return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
+
+
+def displacement_costs(
+    silhouette: Silhouette, radii: Tensor, pixels: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The cost in px [n, 2 * FARTHEST + 1] of each displacement, and the trust [n] in them."""
+    at, far, normal = silhouette
+    (H, W), flat = radii.shape, radii.flatten()
+    along = torch.arange(-REACH, REACH + 1, device=at.device).to(normal.dtype)
+    y, x = (at[:, d, None] + normal[d, :, None] * along for d in (0, 1))
+    inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
+    place = y.round().long().clamp(0, H - 1) * W + x.round().long().clamp(0, W - 1)
+    border = (flat[at[:, 0] * W + at[:, 1]] + flat[far])[:, None] / 2
+    is_near = flat[place] < border
+    inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
+    outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)
+    # the middle of a thin surface is as deep as one can get
+    near_depth, far_depth = (
+        (count.to(normal.dtype) / 2).clamp(max=_DEEPEST) for count in (inwards, outwards)
+    )
+    dtype = torch.promote_types(pixels.dtype, torch.float32)
+    color = pixels.flatten(1)[:, place].to(dtype).clamp(min=0)  # [C, n, 2 * REACH + 1]
+
+    def of_surface(first: Tensor, last: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean colour [C, n] and variance [n] from one place on the profile to another."""
+        within = ((along >= first[:, None]) & (along <= last[:, None])).to(dtype)
+        count = within.sum(1).clamp(min=1)
+        mean = (color * within).sum(2) / count
+        return mean, ((color - mean[:, :, None]).square().sum(0) * within).sum(1) / count
+
+    near, near_variance = of_surface(-near_depth - 1.5, 1.5 - near_depth)
+    beyond, far_variance = of_surface(far_depth - 1, far_depth + 2)
+    apart, least = (near - beyond).square().sum(0), torch.finfo(dtype).tiny
+
+    def likeness(mean: Tensor, variance: Tensor) -> Tensor:
+        distance = (color - mean[:, :, None]).square().sum(0)
+        spread_of = (variance + _DEVIATION**2 * apart).clamp(min=least)
+        return torch.exp(distance / (-2 * spread_of[:, None]))
+
+    trusts = [apart / (apart + 4 * v).clamp(min=least) for v in (near_variance, far_variance)]
+    whole = (trusts[0] + trusts[1]).clamp(min=1e-6)
+    to_near = trusts[0][:, None] * likeness(near, near_variance)
+    to_far = trusts[1][:, None] * (1 - likeness(beyond, far_variance))
+    nearness = (to_near + to_far) / whole[:, None]  # [n, 2 * REACH + 1] of each px, in [0, 1]
+    valid = ((along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)).to(dtype)
+    # to the near side of the edge what is unlike costs, on the far side what is like
+    below = (valid * (1 - 2 * nearness)).cumsum(1) + (valid * nearness).sum(1, keepdim=True)
+    costs = below[:, REACH - FARTHEST : REACH + FARTHEST + 1].flip(1)
+    by = torch.arange(-FARTHEST, FARTHEST + 1, device=at.device)
+    possible = (by <= near_depth[:, None]) & (-by <= far_depth[:, None])
+    costs = torch.where(possible, costs.clamp(max=_MOST * _DOUBT), _MOST * _DOUBT)
+    total = (near + beyond).sum(0).clamp(min=least)
+    contrast = (near - beyond).abs().sum(0) / total * torch.maximum(*trusts)
+    trust = ((contrast - _CONTRAST) / (_FULL - _CONTRAST)).clamp(0, 1)
+    lowest = costs.amin(1)
+    clear = (lowest < 2 * _DOUBT) & (inwards >= 2) & (outwards >= 2)
+    return costs, trust * torch.exp(lowest / -_DOUBT) * clear

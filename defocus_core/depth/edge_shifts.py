@@ -1,0 +1,223 @@
+"""Edges of depth moved to the edges of the colours: estimated depth is some px too fat or too thin.
+
+Beside a sharp subject a strip of the background would stay sharp, or the subject's own rim would be
+blurred. The costs of all displacements, from profiles of colour, are averaged along a silhouette
+before the least is chosen (as cost volumes are in stereo, Hosni et al. 2013), so that it stays
+smooth. A displacement that is rare in the picture needs more evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.color_profiles import (
+    FARTHEST,
+    NORMAL,
+    REACH,
+    Silhouette,
+    crossed_edges,
+    displacement_costs,
+    edges_of,
+    silhouette_at,
+)
+from defocus_core.depth.soft_edges import slope_of_soft_edges
+from defocus_core.images.neighbourhoods import ends_of, extreme_around, squares_around
+from defocus_core.images.source import Pixels, banded, bands, spread
+from defocus_core.images.sparse_masks import numbers_of, places_of
+from defocus_core.runtime.threads import threaded
+
+# Share of profiles that count from which evidence counts in full.
+_ENOUGH = 0.1
+# Rounds in which costs, and then displacements, are averaged over 5×5 px of a silhouette.
+_ROUNDS, _SMOOTHING = 20, 8
+# Weight of rarity; share of a displacement's votes that count for those a px beside it.
+_RARITY, _BESIDE = 1.6, 0.25
+# Distance of the rows, and of the columns, on which silhouettes are examined for the displacements
+# of the picture; and where its edges are hard.
+_EVERY, _EVERY_OF_HARD = 4, 24
+# Least step of an edge: in px, and as a multiple of the slope of a ramp.
+_LEAST_STEP, _STEP = 0.3, 1.5
+# A picture of hard edges is shifted if so many profiles count, if the median displacement is so
+# many px, and if such a share of the votes lie within a px of it.
+_VOTES, _BIASED, _AGREED = 32, 0.75, 0.6
+# Px around a pixel that decide what it becomes.
+AROUND = REACH + NORMAL + 2 * (_ROUNDS + _SMOOTHING) + FARTHEST + 2
+# Profiles examined at once: bounds memory.
+_PROFILES = 1 << 12
+
+
+class EdgeShifts(NamedTuple):
+    """The displacements of a picture's edges from those of its colours.
+
+    Attributes:
+        step: Least step in px of an edge.
+        median: Median displacement in px; positive where depth is too fat, its edges outside.
+        rarity: [2 * FARTHEST + 1] cost of each displacement from -FARTHEST on.
+    """
+
+    step: float
+    median: float
+    rarity: tuple[float, ...]
+
+
+def measured_shifts(
+    signed_radius: Pixels, pixels: Pixels, threads: int, *, soft: bool
+) -> EdgeShifts | None:
+    """The displacements of the edges of a picture; None if its edges lie where they should.
+
+    Args:
+        signed_radius: [H, W] px, without ramps.
+        pixels: [C, H, W] linear.
+        threads: Number of bands of rows examined at once.
+        soft: Whether edges were soft; hard edges are shifted only if most are displaced alike.
+    """
+    ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
+    slope = slope_of_soft_edges(float(ends[:, 0].amin()), float(ends[:, 1].amax()))
+    step = max(_LEAST_STEP, _STEP * slope)
+    if not soft:
+        votes = _votes(signed_radius, pixels, step, _EVERY_OF_HARD, threads)
+        if float(votes.sum()) < _VOTES:
+            return None
+        median, agreed = _median(votes)
+        if abs(median) < _BIASED or agreed < _AGREED:
+            return None
+    votes = _votes(signed_radius, pixels, step, _EVERY, threads)
+    if not float(votes.sum()):
+        return None
+    share = (votes + 1) / (votes + 1).sum()
+    share = (1 - 2 * _BESIDE) * share + _BESIDE * (share.roll(1) + share.roll(-1))
+    rarity = -_RARITY * (share + 0.01).log()
+    return EdgeShifts(step, _median(votes)[0], tuple((rarity - rarity.amin()).tolist()))
+
+
+def _votes(signed_radius: Pixels, pixels: Pixels, step: float, every: int, threads: int) -> Tensor:
+    """The trust [2 * FARTHEST + 1] in each displacement, on some rows and columns of a picture."""
+    H, W = signed_radius.shape
+
+    def votes_of(rows: tuple[int, int]) -> Tensor:
+        above, below = max(rows[0] - REACH, 0), min(rows[1] + REACH, H)
+        radii, colors = signed_radius[above:below].detach(), pixels[..., above:below, :].detach()
+        band = rows[0] - above, rows[1] - above
+        lines = [y + band[0] for y in spread(H, every, *rows)], spread(W, every)
+        votes = radii.new_zeros(2 * FARTHEST + 1, dtype=torch.float64)
+        for at in torch.split(crossed_edges(radii, step, lines, band), _PROFILES):
+            costs, trust = displacement_costs(silhouette_at(at, radii), radii, colors)
+            votes.index_add_(0, costs.argmin(1), trust.double())
+        return votes
+
+    return torch.stack(list(threaded(votes_of, bands(H, W), threads))).sum(0)
+
+
+def _median(votes: Tensor) -> tuple[float, float]:
+    """The median displacement in px, and the share of the votes within a px of it."""
+    total, below = float(votes.sum()), votes.cumsum(0)
+    middle = int((below < total / 2).sum())
+    before = float(below[middle - 1]) if middle else 0.0
+    median = middle - FARTHEST - 0.5 + (total / 2 - before) / float(votes[middle])
+    return median, float(votes[max(middle - 1, 0) : middle + 2].sum()) / total
+
+
+def with_shifted_edges(signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts) -> Tensor:
+    """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
+    radii = signed_radius.detach()
+    at, (H, W) = places_of(edges_of(radii, shifts.step)), radii.shape
+    if not len(at):
+        return signed_radius
+    silhouette = silhouette_at(at, radii)
+    parts = (torch.split(x, _PROFILES, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
+    chunks = map(Silhouette._make, zip(*parts, strict=True))
+    found = [displacement_costs(chunk, radii, pixels.detach()) for chunk in chunks]
+    costs, trust = map(torch.cat, zip(*found, strict=True))
+    shift = _smooth_shifts(at, costs, trust, costs.new_tensor(shifts.rarity), (H, W))
+    flat, taken = radii.flatten(), signed_radius.flatten()
+    near, far = at[:, 0] * W + at[:, 1], silhouette.far
+    order = torch.arange(len(at), device=at.device)
+    for key in (flat[far], flat[near], shift, shift.abs()):  # decides where two are as close
+        order = order[key[order].argsort(stable=True)]
+    at, near, far, shift = at[order], near[order], far[order], shift[order]
+    if not float(shift.abs().amax()) > 0.5:
+        return signed_radius
+    index, owner, distance = _owners(at, shift, (H, W))
+    own = flat[index]
+    is_near = (own - flat[near][owner]).abs() < (own - flat[far][owner]).abs()
+    inwards = torch.where(is_near, distance, -distance)  # px within the nearer surface
+    wants_near = inwards > shift[owner] - 0.5
+    source = torch.where(wants_near, near[owner], far[owner])
+    moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1.5)
+    return taken.index_copy(0, index, taken[torch.where(moves, source, index)]).reshape(H, W)
+
+
+def _smooth_shifts(
+    at: Tensor, costs: Tensor, trust: Tensor, rarity: Tensor, size: tuple[int, int]
+) -> Tensor:
+    """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
+    n, (H, W) = len(at), size
+    number = torch.full((H * W,), n, device=at.device)
+    number[at[:, 0] * W + at[:, 1]] = torch.arange(n, device=at.device)
+    beside = number[squares_around(at, size, 2).flatten(1)]  # [n, 25], n where there is none
+
+    def averaged(values: Tensor, rounds: int) -> Tensor:
+        """Values [n, K] averaged over the silhouette."""
+        nothing = values.new_zeros(1, values.shape[1])
+        count = (beside < n).sum(1, keepdim=True)
+        for _ in range(rounds):
+            padded = torch.cat([values, nothing])
+            total = torch.zeros_like(values)
+            for k in range(beside.shape[1]):
+                total += padded.index_select(0, beside[:, k])
+            values = total / count
+        return values
+
+    both = averaged(torch.cat([trust[:, None] * costs, trust[:, None]], 1), _ROUNDS)
+    weighted, share = both[:, :-1], both[:, -1:]
+    evidence = weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1)
+    shift = (evidence + rarity).argmin(1, keepdim=True).to(costs.dtype) - FARTHEST
+    return averaged(shift, _SMOOTHING)[:, 0]
+
+
+def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+    """The pixels near shifted parts of a silhouette, and their closest pixels of the silhouette.
+
+    By jump flooding (Rong and Tan 2006); of two that are as close, the first one.
+
+    Args:
+        at: [n, 2] rows and columns of the silhouette.
+        shift: [n] px.
+        size: (height, width) of the frame.
+
+    Returns:
+        [m] numbers of pixels, [m] places in `at`, and [m] distances in px.
+    """
+    n, (H, W) = len(at), size
+    number = at[:, 0] * W + at[:, 1]
+    owner = torch.full((H * W,), n, device=at.device)
+    owner[number] = torch.arange(n, device=at.device)
+    band = torch.zeros(H * W, dtype=torch.bool, device=at.device)
+    band[number[shift.abs() > 0.5]] = True
+    reach = math.ceil(float(shift.abs().amax())) + 1
+    index = numbers_of(extreme_around(band.view(H, W), reach, torch.maximum))
+    row = index.div(W, rounding_mode="floor")
+    column = index - row * W
+    places = torch.cat([at, at.new_full((1, 2), 4 * (H + W))])  # of no pixel: far away
+
+    def squared_distance(places_of_owner: Tensor) -> Tensor:
+        y, x = places.index_select(0, places_of_owner).unbind(1)
+        return (y - row).square() + (x - column).square()
+
+    for step in (8, 4, 2, 1, 1):
+        closest = owner.index_select(0, index)
+        least = squared_distance(closest)
+        for y, x in ((y, x) for y in (-step, 0, step) for x in (-step, 0, step)):
+            there = (row + y).clamp(0, H - 1) * W + (column + x).clamp(0, W - 1)
+            other = owner.index_select(0, there)
+            distance = squared_distance(other)
+            closer = (distance < least) | ((distance == least) & (other < closest))
+            closest = torch.where(closer, other, closest)
+            least = torch.where(closer, distance, least)
+        owner = owner.index_copy(0, index, closest)
+    known = closest < n
+    return index[known], closest[known], least[known].sqrt()
