@@ -110,7 +110,9 @@ def displacement_costs(
         (count.to(normal.dtype) / 2).clamp(max=_DEEPEST) for count in (inwards, outwards)
     )
     dtype = torch.promote_types(pixels.dtype, torch.float32)
-    color = pixels.flatten(1)[:, place].to(dtype).clamp(min=0)  # [C, n, 2 * REACH + 1]
+    color = pixels.flatten(1)[:, place].to(dtype).nan_to_num().clamp(min=0)
+    # squares of the brightest light would be infinite
+    color /= color.amax((0, 2), keepdim=True).clamp(min=torch.finfo(dtype).tiny)
 
     def of_surface(first: Tensor, last: Tensor) -> tuple[Tensor, Tensor]:
         """Mean colour [C, n] and variance [n] from one place on the profile to another."""
