@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from depth_files import npy, pfm, png
 from image_files import save
 
 from defocus_cli.dataset.finished import samples
-from defocus_cli.jobs.job import Machine, Outputs, Reading
+from defocus_cli.jobs.job import Lens, Machine, Outputs, Reading
 from defocus_cli.jobs.jobs_file import read_jobs
 from defocus_cli.journal.plain_values import plain, typed
 from defocus_cli.system.errors import UsageProblem
@@ -446,3 +447,9 @@ def test_zeros_of_integers_are_asked_for_their_meaning(tmp_path: Path) -> None:
     ran = render(color, path, "-o", tmp_path / "o", "--depth-format", "kitti")
     refused(ran, 3, "say --invalid far if they are sky, or fill if they are holes")
     assert "write inf" not in ran.err
+
+
+def test_a_lens_of_radii_comes_back_from_the_journal() -> None:
+    lens = typed(Lens, json.loads(json.dumps(plain(Lens(math.nan, math.nan, None, blades=5)))))
+    assert lens.is_shape
+    assert (lens.foc_dist, lens.blades) == (None, 5)
