@@ -22,8 +22,9 @@ CORE_ORDER = (
     *("runtime", "renderer_version"),
 )
 CLI_ORDER = (
-    *("__main__", "main", "commands", "options", "bench", "reports", "batch", "dataset"),
-    *("journal", "rendering", "jobs", "depth_formats", "formats", "system", "__init__"),
+    *("__main__", "main", "pytest_plugin", "commands", "options", "bench", "reports"),
+    *("golden", "batch", "dataset", "journal", "rendering", "compare", "diagnosis"),
+    *("jobs", "depth_formats", "formats", "system", "__init__"),
 )
 MOST_LINES, MOST_MODULES, MOST_TESTS = 300, 15, 40
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

@@ -1,0 +1,214 @@
+"""``defocus golden``: pictures that later renders must be like."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import click
+
+from defocus_cli.batch.plan import Execution
+from defocus_cli.compare.pairing import Pair
+from defocus_cli.compare.record import Comparison, Settings
+from defocus_cli.compare.run import Task, compare_all
+from defocus_cli.compare.selection import Region
+from defocus_cli.compare.thresholds import Rule, Rules, Thresholds, read_thresholds, rule
+from defocus_cli.diagnosis.picture import read_picture
+from defocus_cli.golden.faults import plant_all
+from defocus_cli.golden.fresh import Rendered, rendered
+from defocus_cli.golden.store import Store, accept, change_words, read_store
+from defocus_cli.options import comparing, shared
+from defocus_cli.options.batch import Crew, crew_options
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.reports import batch_report, compare_report, golden_report
+from defocus_cli.reports.junit import write_junit
+from defocus_cli.system import console
+from defocus_cli.system.console import counted
+from defocus_cli.system.errors import InputError, UsageProblem
+
+# Another processor, or another version of torch, rounds otherwise.
+_DEFAULT = "max>1e-4"
+
+
+@click.group(
+    "golden",
+    invoke_without_command=True,
+    short_help="Keep pictures that later renders must be like, and check them.",
+)
+@click.pass_context
+def command(ctx: click.Context) -> None:
+    """Keep goldens: the pictures of a jobs file that were accepted; later renders must be like.
+
+    DIR has the pictures, and golden.json with the settings, versions and machine that made each.
+    Without rules, no value may differ by more than 1e-4, since another processor rounds otherwise.
+
+    \b
+    Examples:
+      defocus golden update jobs.toml goldens --accept
+      defocus golden check jobs.toml goldens --junit goldens.xml
+      defocus golden check jobs.toml goldens --must-fail
+    """  # noqa: D301  click reads the backspace
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+
+
+@command.command("update", cls=GroupedCommand)
+@click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
+@click.argument("folder", type=FilePath(), metavar="DIR")
+@click.option("--accept", "accepted", is_flag=True, help="Make what changed the new goldens.")
+@comparing.rule_options
+@crew_options
+def update(
+    jobs_file: Path,
+    folder: Path,
+    accepted: bool,
+    fail: tuple[Rule, ...],
+    warn: tuple[Rule, ...],
+    over: float | None,
+    thresholds: Path | None,
+    metadata: bool,
+    crew: Crew,
+) -> int:
+    """Render JOBS.toml, say what is not like the goldens in DIR, and accept it with --accept.
+
+    Goldens that a new picture is like stay as they are. If a render fails, nothing is accepted.
+    The exit code is 1 if something would change, or if a render failed.
+
+    \b
+    Examples:
+      defocus golden update jobs.toml goldens
+      defocus golden update jobs.toml goldens --accept
+    """  # noqa: D301  click reads the backspace
+    rules = _thresholds(thresholds, fail, warn, over)
+    store = read_store(folder, new=True)
+    with _rendered(jobs_file, crew) as fresh:
+        for line in store.changed_settings(fresh.jobs):
+            console.tell(line)
+        records = _compare(store, fresh, Task(rules, Settings(metadata=metadata)), crew.count)
+        changed = [record for record in records if not record.passes]
+        for record in changed:
+            console.tell(f"{change_words(record)}: {compare_report.line(record)}")
+        batch_report.end(fresh.summary)
+        if not fresh.complete:
+            raise InputError(jobs_file, "has jobs that made no picture", "mend them first")
+        if not changed:
+            console.tell(f"{folder}: {counted(len(records), 'golden')}, none changes")
+            return 0
+        if not accepted:
+            console.tell(f"{folder}: {len(changed)} would change; --accept makes them the goldens")
+            return 1
+        count = accept(store, fresh.jobs, fresh.root, records)
+        console.tell(f"{folder}: {counted(count, 'golden')} changed")
+    return 0
+
+
+@command.command("check", cls=GroupedCommand)
+@click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
+@click.argument("folder", type=FilePath(), metavar="DIR")
+@click.option(
+    "--must-fail",
+    is_flag=True,
+    help="Render nothing; plant faults into the goldens, and fail if a rule lets one pass.",
+)
+@comparing.rule_options
+@comparing.selection_options
+@click.option("--diff", type=FilePath(), metavar="DIR", help="Write difference images here.")
+@click.option("--junit", type=FilePath(), metavar="FILE", help="Write JUnit XML.")
+@shared.json_option
+@crew_options
+def check(
+    jobs_file: Path,
+    folder: Path,
+    must_fail: bool,
+    fail: tuple[Rule, ...],
+    warn: tuple[Rule, ...],
+    over: float | None,
+    thresholds: Path | None,
+    metadata: bool,
+    region: Region | None,
+    mask: Path | None,
+    coc: Path | None,
+    flip: bool,
+    diff: Path | None,
+    junit: Path | None,
+    as_json: bool,
+    crew: Crew,
+) -> int:
+    """Render JOBS.toml again, and compare with the goldens in DIR.
+
+    --must-fail plants a block of NaN, a shift by 1 px, a gamma of 2 %, left and right swapped, a
+    lost highlight and noise of 1 % into each golden, and says of each which is the weakest that
+    the rules notice.
+
+    \b
+    Examples:
+      defocus golden check jobs.toml goldens --thresholds compare.toml --junit goldens.xml
+      defocus golden check jobs.toml goldens --thresholds compare.toml --must-fail
+    """  # noqa: D301  click reads the backspace
+    rules = _thresholds(thresholds, fail, warn, over)
+    settings = Settings(region, mask, coc, flip, metadata)
+    if must_fail:
+        for option, value in (("--diff", diff), ("--junit", junit)):
+            if value is not None:
+                raise UsageProblem(option, "means nothing with --must-fail", "leave it out")
+        return _plant(folder, rules, settings, as_json=as_json)
+    start = time.perf_counter()
+    store = read_store(folder)
+    with _rendered(jobs_file, crew) as fresh:
+        if not as_json:
+            for line in store.changed_settings(fresh.jobs):
+                console.tell(line)
+        records = _compare(store, fresh, Task(rules, settings, diff), crew.count)
+    if junit is not None:
+        write_junit(junit, records, time.perf_counter() - start)
+    if as_json:
+        document = compare_report.document(records)
+        console.print_json(settings_changed=store.changed_settings(fresh.jobs), **document)
+    else:
+        for record in records:
+            if compare_report.is_worth_a_line(record, verbose=False, lone=False):
+                console.tell(compare_report.line(record))
+        console.tell(compare_report.summary(records))
+    batch_report.end(fresh.summary)
+    return compare_report.exit_code(records)
+
+
+def _thresholds(
+    file: Path | None, fail: Sequence[Rule], warn: Sequence[Rule], over: float | None
+) -> Thresholds:
+    return read_thresholds(file, fail, warn, over, Rules(fail=(rule(_DEFAULT),)))
+
+
+def _rendered(jobs_file: Path, crew: Crew) -> AbstractContextManager[Rendered]:
+    report = batch_report.BatchReport(each=False)
+    execution = Execution(crew.execute(), spread=crew.spread)
+    return rendered(jobs_file, crew.machine, execution, report)
+
+
+def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[Comparison]:
+    """The new pictures by the goldens; other files in the folder are not looked at."""
+    goldens = {name: store.folder / name for name in store.files}
+    names = sorted({*goldens, *fresh.files})
+    there = {name: path for name, path in goldens.items() if path.exists()}
+    pairs = [Pair(name, there.get(name), fresh.files.get(name)) for name in names]
+    return list(compare_all(pairs, task, processes))
+
+
+def _plant(folder: Path, rules: Thresholds, settings: Settings, *, as_json: bool) -> int:
+    """Plant faults into all goldens of a folder."""
+    store = read_store(folder)
+    planted = {}
+    for name in sorted(store.files):
+        picture = read_picture(folder / name)
+        planted[name] = plant_all(picture, name, rules.of(name), settings)
+        if not as_json:
+            for line in golden_report.planted_lines(name, planted[name]):
+                console.tell(line)
+    missed = sum(not each.noticed for faults in planted.values() for each in faults)
+    if as_json:
+        console.print_json(**golden_report.planted_document(planted))
+    else:
+        console.tell(golden_report.planted_summary(planted))
+    return 1 if missed else 0

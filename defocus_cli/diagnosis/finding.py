@@ -1,0 +1,25 @@
+"""The name of a difference whose cause is known, with the evidence for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What happened to B, as far as the pixels show.
+
+    Attributes:
+        name: the cause in fixed words, like ``shifted`` or ``clipped at 1``.
+        text: the cause with its numbers, as a person reads it.
+        values: the numbers, for programs.
+        explained: share of the RMSE that the cause explains, 1 if it explains all; None where
+            there is no such share.
+    """
+
+    name: str
+    text: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    explained: float | None = None

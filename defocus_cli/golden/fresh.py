@@ -1,0 +1,56 @@
+"""Pictures of a jobs file rendered anew, in a folder that is removed afterwards."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from defocus_cli.batch import run
+from defocus_cli.batch.plan import Execution
+from defocus_cli.batch.run import Listener, Summary
+from defocus_cli.jobs.job import Job, Machine, Outputs
+from defocus_cli.jobs.jobs_file import read_jobs
+from defocus_cli.system.arrays import scratch_folder
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Pictures that were rendered: their jobs, the folder they are in, and how the batch ended."""
+
+    jobs: Sequence[Job]
+    root: Path
+    summary: Summary
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that are there, by their path relative to the folder."""
+        names = (name for job in self.jobs for name in job.names.values())
+        return {name: self.root / name for name in names if (self.root / name).is_file()}
+
+    @property
+    def complete(self) -> bool:
+        """Whether every job made its pictures."""
+        return self.summary.statuses["ok"] == len(self.jobs)
+
+
+@contextmanager
+def rendered(
+    jobs_file: Path, machine: Machine, execution: Execution, listener: Listener
+) -> Iterator[Rendered]:
+    """Render all jobs of a jobs file to a folder that is there in the block.
+
+    Raises:
+        InputError: the jobs file or a picture cannot be read, or there is no room.
+        UsageProblem: the jobs file makes no sense.
+    """
+    root = Path(tempfile.mkdtemp(prefix="defocus-golden-", dir=scratch_folder()))
+    try:
+        jobs = read_jobs(jobs_file, Outputs(root), machine)
+        summary = run.carry_out(jobs, root, execution, listener)
+        yield Rendered(jobs, root, summary)
+    finally:
+        shutil.rmtree(root, ignore_errors=True)

@@ -1,0 +1,325 @@
+"""``defocus compare``: exit codes, what is compared, and what is reported."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import files_under, read_exr, refused, run, write_exr
+from image_files import save, write_deep
+from planted_faults import HEIGHT, WIDTH, planes, scene, write_planes
+
+PATCH = (slice(20, 30), slice(50, 60))
+
+
+@pytest.fixture
+def a(tmp_path: Path) -> Path:
+    return write_planes(tmp_path / "a.exr", planes(scene()))
+
+
+@pytest.fixture
+def b(tmp_path: Path) -> Path:
+    """The scene with 100 pixels brighter by 0.25."""
+    return write_planes(tmp_path / "b.exr", planes(patched()))
+
+
+def patched() -> Any:
+    image = scene()
+    image[PATCH] += 0.25
+    return image
+
+
+def the_pair(*args: str | Path) -> dict[str, Any]:
+    (record,) = run("compare", *args, "--json").json["pairs"]
+    return dict(record)
+
+
+def folders(root: Path) -> tuple[Path, Path]:
+    """Two folders: one picture the same, one that differs, one missing, one further."""
+    for folder, names in (
+        ("A", ("same", "sub/other", "lone")),
+        ("B", ("same", "sub/other", "new")),
+    ):
+        for name in names:
+            write_planes(root / folder / f"{name}.exr", planes(scene()))
+    write_planes(root / "B" / "sub" / "other.exr", planes(patched()))
+    (root / "A" / "journal.jsonl").write_text("{}")
+    return root / "A", root / "B"
+
+
+def test_the_same_file_is_the_same(a: Path) -> None:
+    ran = run("compare", a, a)
+    assert (ran.code, ran.out, ran.err) == (0, "a.exr: same\n", "")
+
+
+def test_a_difference_is_told_with_the_worst_pixel_and_a_rule_that_lets_it_pass(
+    a: Path, b: Path
+) -> None:
+    ran = run("compare", a, b)
+    assert ran.code == 1
+    (line,) = ran.out.splitlines()
+    assert line.startswith("b.exr: DIFFERENT: 100 pixels within 10x10 at 50,20, max 0.25, RMSE ")
+    assert "worst at 5" in line
+    assert "(R G B: " in line
+    proposed = line.split("--fail '")[1].split("'")[0]
+    assert run("compare", a, b, "--fail", proposed).code == 0
+
+
+@pytest.mark.parametrize(
+    ("rules", "code", "words"),
+    [
+        (["--fail", "max>0.3"], 0, "b.exr: same"),
+        (["--fail", "max>0.3", "--warn", "max>0.2"], 0, "b.exr: warning: "),
+        (["--fail", "max>0.3", "--fail", "psnr<99"], 1, "fails psnr<99"),
+        (["--fail", "share>1%", "--over", "0.2"], 0, "b.exr: same"),
+        (["--fail", "share>0.5%", "--over", "0.2"], 1, "fails share>0.5%"),
+        (["--fail", "share>0.5%", "--over", "0.3"], 0, "b.exr: same"),
+        (["--warn", "max>0.2"], 1, "DIFFERENT"),
+        (["--fail", "flip>0"], 1, "has no flip>0"),
+        (["--fail", "flip>0.9", "--flip"], 0, "b.exr: same"),
+    ],
+)
+def test_rules_decide(rules: list[str], code: int, words: str, a: Path, b: Path) -> None:
+    ran = run("compare", a, b, *rules)
+    assert ran.code == code
+    assert words in ran.out
+
+
+def test_a_metric_that_a_map_has_not_lets_no_difference_pass(tmp_path: Path) -> None:
+    radius = np.zeros((20, 30), np.float32)
+    one, other = (
+        write_exr(tmp_path / "x.exr", coc=radius),
+        write_exr(tmp_path / "y.exr", coc=radius + 1),
+    )
+    ran = run("compare", one, other, "--fail", "psnr<45")
+    assert ran.code == 1
+    assert "has no psnr<45" in ran.out
+    assert run("compare", one, other, "--fail", "psnr<45", "--fail", "max>2").code == 0
+
+
+def test_region_and_mask_choose_the_pixels(a: Path, b: Path, tmp_path: Path) -> None:
+    assert run("compare", a, b, "--region", "0,0,50,90").code == 0
+    inside = the_pair(a, b, "--region", "55,25,20,20")
+    assert inside["differing_pixels"] == 25
+    assert inside["differing_window"] == [55, 25, 5, 5]
+    assert (inside["worst"]["x"], inside["worst"]["y"]) >= (55, 25)
+    hole = np.ones((HEIGHT, WIDTH, 1), np.uint8)
+    hole[PATCH] = 0
+    mask = save(tmp_path / "mask.png", hole)
+    assert run("compare", a, b, "--mask", mask).code == 0
+    other = save(tmp_path / "inverse.png", 1 - hole)
+    assert the_pair(a, b, "--mask", other)["metrics"]["mean"] == pytest.approx(0.25, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (["--region", "100,0,50,50"], 2, "--region: 100,0,50,50 is not within"),
+        (["--region", "1,2,3"], 2, "--region: '1,2,3' is no region"),
+        (["--region", "1,2,0,3"], 2, "holds no pixel"),
+        (["--fail", "psnr>45"], 2, "--fail: 'psnr>45' is met by the better pictures"),
+        (["--warn", "brightness>1"], 2, "--warn: 'brightness' is no metric"),
+        (["--over", "much"], 2, "--over: 'much' is no difference"),
+        (["--thresholds", "nowhere.toml"], 3, "nowhere.toml: cannot be read"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    options: list[str], code: int, words: str, a: Path, b: Path
+) -> None:
+    refused(run("compare", a, b, *options), code, words)
+
+
+def test_what_is_not_there_cannot_be_read(a: Path, tmp_path: Path) -> None:
+    refused(run("compare", a, tmp_path / "nowhere.exr"), 3, "nowhere.exr: no such file")
+    refused(run("compare", tmp_path, a), 3, "is a directory but")
+    (tmp_path / "empty").mkdir()
+    refused(run("compare", tmp_path / "empty", tmp_path / "empty"), 3, "holds no picture")
+
+
+@pytest.mark.parametrize("kind", ["text", "cut", "deep", "empty"])
+def test_a_file_that_cannot_be_read_is_never_the_same(kind: str, a: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.exr"
+    if kind == "deep":
+        write_deep(bad)
+    else:
+        data = {"text": b"no picture", "cut": a.read_bytes()[:-300], "empty": b""}[kind]
+        bad.write_bytes(data)
+    for pair in ((a, bad), (bad, a), (bad, bad)):
+        ran = run("compare", *pair)
+        assert ran.code == 3
+        assert "UNREADABLE" in ran.out
+
+
+def test_folders_pair_by_path_and_a_lone_file_is_a_difference(tmp_path: Path) -> None:
+    ran = run("compare", *folders(tmp_path))
+    assert ran.code == 1
+    assert [line.split(": ")[:2] for line in ran.out.splitlines()] == [
+        ["lone.exr", "MISSING"],
+        ["new.exr", "EXTRA"],
+        ["sub/other.exr", "DIFFERENT"],
+        ["4 pairs", "1 same, 1 different, 1 missing, 1 extra"],
+    ]
+    assert "same.exr: same" in run("compare", *folders(tmp_path), "-v").out
+
+
+def test_many_pairs_in_processes_are_reported_in_order_and_alike(tmp_path: Path) -> None:
+    for folder in "AB":
+        for number in range(9):
+            image = scene()[:24, :32] + (0.1 * number if folder == "B" else 0)
+            write_planes(tmp_path / folder / f"{number}.exr", planes(image))
+    alone, together = (
+        run("compare", tmp_path / "A", tmp_path / "B", "--json", "--processes", n) for n in "12"
+    )
+    assert alone.out == together.out
+    assert [pair["name"] for pair in alone.json["pairs"]] == [f"{n}.exr" for n in range(9)]
+    assert alone.json["counts"]["different"] == 8
+
+
+def test_a_file_of_thresholds_has_rules_for_patterns(tmp_path: Path) -> None:
+    pair = folders(tmp_path)
+    (tmp_path / "A" / "lone.exr").unlink()
+    (tmp_path / "B" / "new.exr").unlink()
+    file = tmp_path / "compare.toml"
+    file.write_text("[[override]]\nfiles = 'sub/*'\nfail = ['max>0.3']\n")
+    assert run("compare", *pair, "--thresholds", file).code == 0
+    file.write_text("[[override]]\nfiles = 'sbu/*'\nfail = ['max>0.3']\n")
+    ran = run("compare", *pair, "--thresholds", file)
+    assert ran.code == 1
+    assert "no picture matches files = 'sbu/*'" in ran.err
+
+
+def test_json_has_all_of_a_pair(a: Path, tmp_path: Path) -> None:
+    image = np.roll(scene(), 2, 1)
+    image[3, 4, 1] = np.nan
+    b = write_planes(tmp_path / "b.exr", planes(image))
+    document = run("compare", a, b, "--json", "--flip").json
+    assert document["same"] is False
+    (pair,) = document["pairs"]
+    assert (pair["name"], pair["status"], pair["size"]) == ("b.exr", "different", [WIDTH, HEIGHT])
+    assert [finding["name"] for finding in pair["findings"]] == ["NaN", "shifted"]
+    assert (pair["findings"][1]["dx"], pair["findings"][1]["dy"]) == (2, 0)
+    assert pair["findings"][1]["explained"] > 0.99
+    assert pair["nonfinite"]["b"] == {"nan": 1, "inf": 0}
+    assert (pair["worst"]["x"], pair["worst"]["y"]) == (4, 3)
+    assert pair["worst"]["b"]["G"] == "NaN"
+    assert {"max", "psnr", "ssim", "flip", "flip-max", "p99.9", "rel-rmse"} <= set(pair["metrics"])
+    assert pair["proposal"] is None
+
+
+def test_flip_sees_an_error_in_highlights(tmp_path: Path) -> None:
+    bright = scene()
+    bright[30:50, 50:70] = 20.0
+    a = write_planes(tmp_path / "a.exr", planes(bright))
+    bright[30:50, 50:70] = 40.0
+    b = write_planes(tmp_path / "b.exr", planes(bright))
+    assert the_pair(a, b, "--flip")["metrics"]["flip-max"] > 0.1
+    assert the_pair(a, a, "--flip")["metrics"]["flip"] == 0.0
+
+
+def test_flip_of_greys_is_that_of_the_paper(tmp_path: Path) -> None:
+    """Grey of sRGB 0.5 and 0.55: HyAB of L* 53.39 and 58.35, to the power 0.7, mapped to 0…0.95."""
+    one, other = (np.full((64, 64, 3), value, np.float32) for value in (0.21404, 0.26332))
+    a, b = (
+        write_planes(tmp_path / f"{n}.exr", planes(i, np.float32))
+        for n, i in zip("ab", (one, other), strict=True)
+    )
+    assert the_pair(a, b, "--flip")["metrics"]["flip"] == pytest.approx(0.1767, abs=1e-3)
+
+
+def test_depth_edges_and_the_rest_are_told_apart(a: Path, b: Path, tmp_path: Path) -> None:
+    radius = np.zeros((HEIGHT, WIDTH), np.float32)
+    radius[:, 55:] = 4.0
+    write_exr(tmp_path / "coc" / "b.exr", coc=radius)
+    pair = the_pair(a, b, "--coc", tmp_path / "coc")
+    assert pair["edge_share"] == pytest.approx(10 / WIDTH)
+    assert pair["metrics"]["elsewhere-max"] == 0.0
+    assert pair["metrics"]["edges-max"] == pair["metrics"]["max"]
+    rules = ["--fail", "elsewhere-max>0", "--fail", "edges-max>0.3"]
+    assert run("compare", a, b, "--coc", tmp_path / "coc", *rules).code == 0
+    ran = run("compare", a, b, "--coc", tmp_path / "nowhere")
+    assert ran.code == 3
+    assert "holds no CoC map b.exr" in ran.out
+
+
+def test_difference_images_are_signed_and_amplified(a: Path, tmp_path: Path) -> None:
+    image = patched()
+    image[0, 0] = np.nan
+    b = write_planes(tmp_path / "b.exr", planes(image))
+    pair = the_pair(a, b, "--diff", tmp_path / "diff")
+    assert files_under(tmp_path / "diff") == {"b.exr.diff.exr", "b.exr.diff.png"}
+    assert [Path(path).name for path in pair["images"]] == ["b.exr.diff.exr", "b.exr.diff.png"]
+    signed = read_exr(tmp_path / "diff" / "b.exr.diff.exr")
+    assert np.isnan(signed["R"][0, 0])
+    assert signed["R"][25, 55] == pytest.approx(0.25, rel=1e-2)
+    assert signed["R"][60, 60] == 0.0
+    shown = oiio.ImageBuf(str(tmp_path / "diff" / "b.exr.diff.png")).get_pixels(oiio.UINT8)
+    assert shown[0, 0].tolist() == [255, 0, 255]
+    assert shown[60, 60].tolist() == [128, 128, 128]
+    assert shown[25, 55, 0] == pytest.approx(128 + 2 * 0.25 * 127, abs=1)
+
+
+def test_numbers_beyond_all_bounds_are_different_and_no_fault(tmp_path: Path) -> None:
+    for name, value in (("a", -1e308), ("b", 1.7e308)):
+        np.save(tmp_path / f"{name}.npy", np.full((20, 30), value))
+    ran = run("compare", tmp_path / "a.npy", tmp_path / "b.npy", "--json", "--diff", tmp_path / "d")
+    (pair,) = ran.json["pairs"]
+    assert (ran.code, ran.err, pair["metrics"]["max"]) == (1, "", "Inf")
+
+
+@pytest.mark.bench
+def test_a_pair_of_1080p_takes_no_more_than_a_second_and_a_half(tmp_path: Path) -> None:
+    large = np.kron(scene(), np.ones((12, 15, 1), np.float32))[:1080, :1920]
+    for name, change in (("a", 0.0), ("b", 0.1)):
+        noise = change * np.random.default_rng(0).random(large.shape)
+        write_planes(tmp_path / f"{name}.exr", planes(large + noise))
+    words = [sys.executable, "-m", "defocus_cli", "compare", "a.exr", "b.exr"]
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+        seconds.append(time.perf_counter() - start)
+        assert ran.returncode == 1
+    assert min(seconds) < 1.5
+
+
+def test_junit_has_a_case_for_each_pair(tmp_path: Path) -> None:
+    pair = folders(tmp_path)
+    strange = pair[1] / "<script>&\x07.exr"
+    strange.write_bytes(b"no picture")
+    (pair[0] / strange.name).write_bytes(b"no picture")
+    file = tmp_path / "reports" / "compare.xml"
+    assert run("compare", *pair, "--junit", file).code == 3
+    suite = ElementTree.parse(file).getroot()[0]
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("5", "3", "1")
+    cases = {case.get("name"): case for case in suite}
+    assert len(cases["same.exr"]) == 0
+    assert cases["other.exr"].get("classname") == "compare.sub"
+    assert "max 0.25" in str(cases["other.exr"][0].get("message"))
+    assert cases["<script>&\\x07.exr"][0].tag == "error"
+
+
+def test_torch_is_not_loaded(a: Path, b: Path, tmp_path: Path) -> None:
+    options = [
+        "--flip",
+        "--diff",
+        str(tmp_path / "d"),
+        "--junit",
+        str(tmp_path / "x.xml"),
+        "--json",
+    ]
+    words = ["compare", str(a), str(b), *options]
+    code = (
+        "import sys; from defocus_cli.main import main; "
+        f"code = main({words!r}); sys.exit(code + 10 * ('torch' in sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ran.returncode == 1, ran.stderr
+    assert json.loads(ran.stdout)["same"] is False

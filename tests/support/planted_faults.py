@@ -1,0 +1,202 @@
+"""Faults planted into a picture, each with the words that name it, and pairs that are the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+from image_files import box, save
+
+from defocus_cli.formats.color_space import linear_to_srgb, srgb_to_linear
+
+Pixels = np.ndarray[Any, Any]
+HEIGHT, WIDTH = 90, 128
+
+
+def scene() -> Pixels:
+    """Discs of many sizes and colours before a slope, one brighter than 1: float32 [H, W, 3]."""
+    rng = np.random.default_rng(5)
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
+    image = np.stack([0.1 + 0.3 * x / WIDTH, 0.2 + 0.2 * y / HEIGHT, 0.4 - 0.2 * x / WIDTH], 2)
+    for _ in range(60):
+        cx, cy, radius = rng.uniform(0, WIDTH), rng.uniform(0, HEIGHT), rng.uniform(2, 12)
+        cover = np.clip(radius - np.hypot(x - cx, y - cy) + 0.5, 0, 1)[..., None]
+        image = image * (1 - cover) + cover * rng.uniform(0.02, 0.9, 3)
+    cover = np.clip(7 - np.hypot(x - 60, y - 40) + 0.5, 0, 1)[..., None]
+    return (image * (1 - cover) + cover * (6.0, 5.0, 3.0)).astype(np.float16).astype(np.float32)
+
+
+def blurred(image: Pixels, sigma: float) -> Pixels:
+    reach = int(3 * sigma) + 1
+    weights = np.exp(-(np.arange(-reach, reach + 1) ** 2) / (2 * sigma**2))
+    weights /= weights.sum()
+    for axis in (0, 1):
+        pad = [(reach, reach) if axis == other else (0, 0) for other in range(image.ndim)]
+        padded = np.pad(image, pad, mode="edge")
+        steps = range(2 * reach + 1)
+        length = image.shape[axis]
+        image = sum(weights[k] * np.take(padded, range(k, k + length), axis=axis) for k in steps)
+    return np.asarray(image, np.float32)
+
+
+def _shifted(image: Pixels, dx: int, dy: int) -> Pixels:
+    rows = (np.arange(HEIGHT) - dy).clip(0, HEIGHT - 1)
+    columns = (np.arange(WIDTH) - dx).clip(0, WIDTH - 1)
+    return image[rows][:, columns]
+
+
+def _block(image: Pixels, value: float) -> Pixels:
+    image = image.copy()
+    image[10:14, 20:24] = value
+    return image
+
+
+def _cut(image: Pixels) -> Pixels:
+    kept = np.zeros_like(image)
+    kept[8:70, 5:100] = image[8:70, 5:100]
+    return kept
+
+
+def _encoded(image: Pixels) -> Pixels:
+    return linear_to_srgb(np.clip(image, 0, 1))
+
+
+FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
+    # name: what is done, the name of the finding, words of the line
+    "right": (lambda a: _shifted(a, 1, 0), "shifted", "shifted by (1, 0)"),
+    "left and down": (lambda a: _shifted(a, -3, 2), "shifted", "shifted by (-3, 2)"),
+    "around": (lambda a: np.roll(a, -5, 0), "shifted", "shifted by (0, -5)"),
+    "half a pixel": (
+        lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2,
+        "another CoC",
+        "another CoC: blurred more",
+    ),
+    "mirrored": (lambda a: a[:, ::-1], "flipped", "flipped left to right"),
+    "upside down": (lambda a: a[::-1], "flipped", "flipped upside down"),
+    "turned": (lambda a: a[::-1, ::-1], "rotated", "rotated by 180°"),
+    "side by side": (
+        lambda a: np.roll(a, WIDTH // 2, 1),
+        "left and right swapped",
+        "left and right swapped",
+    ),
+    "BGR": (lambda a: a[..., ::-1], "channels swapped", "channels swapped: R is B, B is R"),
+    "GBR": (lambda a: a[..., [1, 2, 0]], "channels swapped", "R is G, G is B, B is R"),
+    "gamma 2 %": (lambda a: a**1.02, "another gamma", "another gamma: to the power 1.02"),
+    "gamma 2.2": (lambda a: a ** (1 / 2.2), "another gamma", "to the power 0.4545"),
+    "encoded twice": (linear_to_srgb, "another gamma", "another gamma: sRGB-encoded once more"),
+    "display gamma": (
+        lambda a: srgb_to_linear(_encoded(a) ** 1.1),
+        "another gamma",
+        "clipped at 1 and another gamma: to the power 1.1, sRGB-encoded",
+    ),
+    "a stop": (lambda a: 2 * a, "another exposure", "another exposure: x 2 (+1 EV)"),
+    "2 % darker": (lambda a: 0.98 * a, "another exposure", "another exposure: x 0.98"),
+    "warmer": (
+        lambda a: a * np.float32([1.25, 1, 0.75]),
+        "another exposure",
+        "another exposure of each channel: R x 1.25, B x 0.75",
+    ),
+    "clipped": (lambda a: np.minimum(a, 1), "clipped at 1", "clipped at 1,"),
+    "8 bits": (
+        lambda a: srgb_to_linear(np.rint(_encoded(a) * 255) / 255),
+        "quantised to 8 bits",
+        "clipped at 1 and quantised to 8 bits",
+    ),
+    "8 bits, linear": (
+        lambda a: np.rint(np.clip(a, 0, 1) * 255) / 255,
+        "quantised to 8 bits",
+        "quantised to 8 bits",
+    ),
+    "larger CoC": (lambda a: blurred(a, 2), "another CoC", "another CoC: blurred more"),
+    "window of data": (_cut, "crop", "a crop: 0 outside of 95x62 at 5,8"),
+    "cut": (lambda a: a[8:70, 5:100], "crop", "a crop: 95x62 at 5,8 of 128x90"),
+    "half of the size": (lambda a: a[::2, ::2], "another size", "another size: 64x45"),
+    "on its side": (np.rot90, "rotated", "rotated by 90° to the left"),
+    "NaN": (lambda a: _block(a, np.nan), "NaN", "NaN in 16 pixels, the first at 20,10"),
+    "Inf": (lambda a: _block(a, np.inf), "Inf", "Inf in 16 pixels, the first at 20,10"),
+    "negative": (lambda a: -a, "sign reversed", "sign reversed"),
+    "black": (lambda a: 0 * a, "empty", "empty: R 0, G 0, B 0 everywhere"),
+    "noise": (
+        lambda a: a + 0.01 * np.random.default_rng(1).standard_normal(a.shape),
+        "noise",
+        "noise of about 0.0",
+    ),
+}
+
+
+def write_planes(
+    path: Path, planes: dict[str, Pixels], compression: Any = None, **header: Any
+) -> Path:
+    """An EXR file in scan lines, ZIP compressed unless another codec is named."""
+    codec = OpenEXR.ZIP_COMPRESSION if compression is None else compression
+    settings = {"compression": codec, "type": OpenEXR.scanlineimage, **header}
+    whole = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    OpenEXR.File(settings, whole).write(str(path))
+    return path
+
+
+def planes(image: Pixels, dtype: Any = np.float16) -> dict[str, Pixels]:
+    """The channels R, G and B of an image."""
+    return {name: image[..., index].astype(dtype) for index, name in enumerate("RGB")}
+
+
+def _tiles(path: Path, image: Pixels) -> None:
+    save(path, image.astype(np.float16), tile=(32, 16))
+
+
+def _wide(path: Path, image: Pixels) -> None:
+    """More data than is shown."""
+    data, display = box(-8, -4, WIDTH + 7, HEIGHT + 3), box(0, 0, WIDTH - 1, HEIGHT - 1)
+    padded = planes(np.pad(image, ((4, 4), (8, 8), (0, 0)), constant_values=9.0))
+    write_planes(path, padded, dataWindow=data, displayWindow=display)
+
+
+def dark_border(image: Pixels) -> Pixels:
+    image = image.copy()
+    image[:6] = image[-5:] = image[:, :9] = 0.0
+    return image
+
+
+def narrow(path: Path, image: Pixels) -> None:
+    """Less data than is shown, with 0 in what is not there."""
+    inner = planes(image[6:-5, 9:])
+    data, display = box(9, 6, WIDTH - 1, HEIGHT - 6), box(0, 0, WIDTH - 1, HEIGHT - 1)
+    write_planes(path, inner, dataWindow=data, displayWindow=display)
+
+
+def _codec(name: str) -> Callable[[Path, Pixels], None]:
+    def write(path: Path, image: Pixels) -> None:
+        write_planes(path, planes(image), getattr(OpenEXR, f"{name}_COMPRESSION"))
+
+    return write
+
+
+def _parts(path: Path, image: Pixels) -> None:
+    """Each channel in a part of its own."""
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    each = planes(image).items()
+    made = [OpenEXR.Part({"name": name, **header}, {name: plane}) for name, plane in each]
+    OpenEXR.File(made).write(str(path))
+
+
+def _described(path: Path, image: Pixels) -> None:
+    write_planes(path, planes(image), comments="another day", owner="somebody else")
+
+
+def _as_float(path: Path, image: Pixels) -> None:
+    write_planes(path, planes(image, np.float32))
+
+
+# Ways to write the scene anew that change no value, by name.
+BENIGN: dict[str, Callable[[Path, Pixels], Any]] = {
+    **{f"codec {name}": _codec(name) for name in ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24")},
+    "tiles": _tiles,
+    "float of half": _as_float,
+    "metadata": _described,
+    "more data than is shown": _wide,
+    "a part for each channel": _parts,
+}
