@@ -26,7 +26,7 @@ from defocus_cli.system.errors import (
     one_line,
     reason,
 )
-from defocus_cli.system.interrupts import Terminated, terminations
+from defocus_cli.system.interrupts import Terminated, put_off, terminations
 
 COMMANDS = (
     *("render", "batch", "status", "retry", "merge"),
@@ -45,7 +45,8 @@ class LazyGroup(click.Group):
         """The command of that name."""
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"defocus_cli.commands.{cmd_name}")
+        with put_off():
+            module = importlib.import_module(f"defocus_cli.commands.{cmd_name}")
         command: click.Command = module.command
         return command
 

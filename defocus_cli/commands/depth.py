@@ -58,6 +58,7 @@ def command(
       range_m      the nearest and the farthest depth but sky; null if all is sky
       sky_pixels, replaced_pixels
       note         how the file was read
+      warnings     what was taken for granted, and what tells of another format
 
     \b
     Examples:
@@ -79,7 +80,7 @@ def command(
             failed = error
             continue
         records.append(conversion_report.record(converted))
-        for warning in converted.depth.warnings:
+        for warning in converted.warnings:
             console.say(f"warning: {warning}")
         if not as_json:
             console.tell(conversion_report.line(converted))

@@ -12,7 +12,7 @@ from defocus_cli.options.lens import lens_options
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import inspection_report
-from defocus_cli.reports.inspection import inspect
+from defocus_cli.reports.inspection import inspect, inspect_pairs
 from defocus_cli.system import console
 from defocus_cli.system.errors import UserError
 
@@ -30,7 +30,9 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported.
+    cannot be read is named, and the others are reported. A file of colour and one of depth, of one
+    size, are compared: whether the colour is blurred already, and whether the two lie on each
+    other.
 
     \b
     With --json, "files" has of each:
@@ -39,11 +41,15 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
       color        channels, nonfinite_pixels; null if there is none
       color_note   how the colour would be read, or why there is none
       depth        range_m, sky_pixels, invalid_pixels; with a lens, which lens, coc_px,
-                   and repair: what would be done to the depth before it is rendered,
-                   empty if nothing; null if there is none
+                   repair: what would be done to the depth before it is rendered, empty
+                   if nothing; warnings of a depth that hardly suits the lens; null if
+                   there is none
       depth_note   how the depth would be read, or why there is none
       evidence     formats that the depth could be of, and faults that show
       maps         kind, and range_px or range, of what 'defocus render' wrote
+    "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
+      color, depth the files
+      evidence     what shows that the colour is blurred already, or does not lie on the depth
 
     \b
     Examples:
@@ -63,7 +69,11 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
         records.append(record)
         for line in () if as_json else inspection_report.lines(record):
             console.tell(line)
+    pairs = inspect_pairs(records, reading, lens)
+    for pair in () if as_json else pairs:
+        for line in inspection_report.pair_lines(pair):
+            console.tell(line)
     if as_json and records:
-        console.print_json(files=records)
+        console.print_json(files=records, pairs=pairs)
     if failed:
         raise failed

@@ -85,13 +85,16 @@ def _sample(root: Path, line: str, where: str) -> Sample:
 
 
 def _lens(entry: Mapping[str, Any]) -> Lens:
+    blades, blade_rotation = entry["blades"], entry["blade_rotation_deg"]
+    if entry["focal_length_mm"] is None:  # the radii came from a file
+        return Lens(math.nan, math.nan, None, blades=blades, blade_rotation=blade_rotation)
     return Lens(
         foclen=entry["focal_length_mm"],
         fnum=entry["fnumber"],
         foc_dist=math.inf if entry["focus_mm"] is None else entry["focus_mm"],
         focus_at=tuple(entry["focus_at_px"]) if entry["focus_at_px"] else None,
         sensor_width=entry["sensor_width_mm"],
-        blades=entry["blades"],
-        blade_rotation=entry["blade_rotation_deg"],
+        blades=blades,
+        blade_rotation=blade_rotation,
         focus_percentile=entry["focus_percentile"],
     )

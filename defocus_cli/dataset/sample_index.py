@@ -134,15 +134,18 @@ def _decoded(path: str) -> bool:
 
 
 def _lens(lens: Record) -> dict[str, Any]:
-    """A lens as the journal has it, each number a float; infinity is 0 dioptres, and null mm."""
-    focus = None if lens["focus_mm"] == "inf" else float(lens["focus_mm"])
+    """A lens as the journal has it, each number a float; infinity is 0 dioptres, and null mm.
+
+    Beside a file of radii, whose lens is the shape of its opening alone, the others are null.
+    """
+    focus = None if lens["focus_mm"] in ("inf", None) else float(lens["focus_mm"])
+    dioptres = None if lens["focus_mm"] is None else 0.0 if focus is None else MM_PER_M / focus
+    optics = ("focal_length_mm", "fnumber", "sensor_width_mm")
     draw = lens.get("draw") or {}
     return {
-        "focal_length_mm": float(lens["focal_length_mm"]),
-        "fnumber": float(lens["fnumber"]),
-        "sensor_width_mm": float(lens["sensor_width_mm"]),
+        **{key: None if lens[key] is None else float(lens[key]) for key in optics},
         "focus_mm": focus,
-        "focus_dioptres": 0.0 if focus is None else MM_PER_M / focus,
+        "focus_dioptres": dioptres,
         "focus_at_px": lens.get("focus_at_px"),
         "focus_percentile": lens.get("focus_percentile"),
         "blades": lens["blades"],

@@ -39,6 +39,8 @@ class Depth:
         is_radius: whether the file holds radii instead of depth.
         by_custom: whether nothing but the custom of the type of file says that 16 bits are
             millimetres.
+        whole: whether the numbers of the file are integers, which have no inf.
+        named: whether the user named the format, which says what 0 is.
         replaced: how many invalid pixels were taken as far, or filled.
         replaced_words: the same for people; empty if none.
     """
@@ -49,6 +51,8 @@ class Depth:
     note: str
     is_radius: bool = False
     by_custom: bool = False
+    whole: bool = False
+    named: bool = False
     replaced: int = 0
     replaced_words: str = ""
 
@@ -115,7 +119,16 @@ def read_depth(
     words = (samples.words, decoding.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
     is_radius = decoding.rule == "radius"
-    depth = Depth(metres, path, samples.channel, note, is_radius=is_radius, by_custom=by_custom)
+    depth = Depth(
+        metres,
+        path,
+        samples.channel,
+        note,
+        is_radius=is_radius,
+        by_custom=by_custom,
+        whole=samples.is_integer,
+        named=reading.depth_format is not None,
+    )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
@@ -131,7 +144,9 @@ def require_valid(depth: Depth) -> None:
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
     remedy = "fill the holes, and write inf for sky; or say --invalid far, or fill"
-    if depth.by_custom:
+    if depth.whole and depth.named:
+        remedy = "say --invalid far if they are sky, or fill if they are holes"
+    elif depth.whole:
         remedy = (
             "say --depth-format, since 0 is a hole for some and sky for others; "
             "or --invalid far, or fill"

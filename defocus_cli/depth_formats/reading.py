@@ -71,6 +71,11 @@ class DepthReading:
         )
 
     @property
+    def holds_radii(self) -> bool:
+        """Whether the files hold radii, so that no lens is needed but the shape of its opening."""
+        return self.row.rule == "radius"
+
+    @property
     def needs_lens(self) -> bool:
         """Whether the lens itself may have to say the field of view of the picture."""
         row = self.row

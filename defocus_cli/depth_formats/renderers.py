@@ -28,7 +28,7 @@ RENDERERS = (
         files=FLOATS,
         rule="radius",
         channels=("coc",),
-        note="used as it is: focus, focal length and f-number change nothing",
+        note="used as it is: of the lens, only --blades and --blade-rotation have an effect",
     ),
     DepthFormat(
         name="blender",

@@ -26,6 +26,7 @@ from defocus_cli.formats.exr_header import (
 from defocus_cli.formats.raster import first_line
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
 from defocus_cli.system.errors import InputError, reason
+from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.safe_files import quiet, written_whole
 
 if TYPE_CHECKING:
@@ -114,7 +115,8 @@ def _part(
 
 def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:
     """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
-    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     file = oiio.ImageInput.open(str(path))
     if not file:
@@ -143,7 +145,8 @@ def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keepi
 @contextmanager
 def _unlimited() -> Iterator[None]:
     """Lift OpenImageIO's own limits: `read_headers` has checked the size of the pictures."""
-    import OpenImageIO as oiio  # noqa: N813
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     limits = {name: oiio.get_int_attribute(name) for name in _LIMITS}
     try:
@@ -243,7 +246,9 @@ def _encoded_strips(
 ) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
     """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
     import numpy as np
-    import OpenEXR
+
+    with put_off():
+        import OpenEXR
 
     kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     row_bytes = whole.width * sum(array.dtype.itemsize for array in channels.values())

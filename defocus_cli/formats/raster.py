@@ -16,6 +16,7 @@ from defocus_cli.formats.exr_channels import require_part
 from defocus_cli.formats.tags import Tag, tags_of
 from defocus_cli.system.arrays import bands
 from defocus_cli.system.errors import InputError, one_line, reason
+from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.safe_files import check_size, quiet, read_head
 
 if TYPE_CHECKING:
@@ -153,7 +154,8 @@ def _as_input_error(path: Path) -> Iterator[None]:
 @contextmanager
 def _opened(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
-    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)

@@ -68,7 +68,8 @@ class Lens:
     """A thin lens, lengths in mm.
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
-    the depth; `defocus_cli.rendering.focusing.focused` finds the distance.
+    the depth; `defocus_cli.rendering.focusing.focused` finds the distance. Where a file holds radii
+    instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
     """
 
     foclen: float
@@ -83,6 +84,11 @@ class Lens:
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether only the shape of the opening is known, as beside a file of radii."""
+        return math.isnan(self.foclen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,11 +195,14 @@ class Job:
 
 
 def lens_record(lens: Lens) -> dict[str, Any]:
-    """A lens in plain numbers and words, units in the names; infinity is the word ``inf``."""
+    """A lens in plain numbers and words, units in the names; infinity is the word ``inf``.
+
+    Of a lens of which only the shape is known, the other numbers are None.
+    """
     record: dict[str, Any] = {
-        "focal_length_mm": lens.foclen,
-        "fnumber": lens.fnum,
-        "sensor_width_mm": lens.sensor_width,
+        "focal_length_mm": None if lens.is_shape else lens.foclen,
+        "fnumber": None if lens.is_shape else lens.fnum,
+        "sensor_width_mm": None if lens.is_shape else lens.sensor_width,
         "focus_mm": "inf" if lens.foc_dist == math.inf else lens.foc_dist,
         "blades": lens.blades,
         "blade_rotation_deg": lens.blade_rotation,
@@ -216,11 +225,13 @@ def lens_words(lens: Lens) -> str:
 
 def lens_record_words(lens: Mapping[str, Any]) -> str:
     """A record of a lens in words."""
+    shape = f", {lens['blades']} blades" if lens["blades"] else ""
+    if lens["focal_length_mm"] is None:
+        return f"radii of the file{shape}"
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
     if "focus_percentile" in lens:
         focus = f"at {Percentile(lens['focus_percentile'])}"
     if lens["focus_mm"] is not None:
         focus = f"{length_text(float(lens['focus_mm']))} {focus}".strip()
-    shape = f", {lens['blades']} blades" if lens["blades"] else ""
     foclen, sensor = (length_text(lens[f"{key}_mm"]) for key in ("focal_length", "sensor_width"))
     return f"{foclen} f/{lens['fnumber']:g}, focus {focus}, sensor {sensor}{shape}"

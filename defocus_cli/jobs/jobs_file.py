@@ -56,8 +56,8 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     stored = read_toml(path, what="jobs file", remedy=remedy)
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
-    plan = read_plan(named["lens"], named["sweep"], named["sample"])
     reading = _reading(named["reading"], named["lens"])
+    plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
     entries = read_inputs(named["inputs"])

@@ -14,7 +14,8 @@ else the file or table, with a colon and a blank.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,8 @@ LENGTHS = frozenset({"focal-length", "aperture-diameter", "sensor-width", "focus
 ALTERNATIVES = (("fnumber", "aperture-diameter"), ("focus", "focus-at"))
 _DASHES = "--"
 _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an example of each
+# What decides the radii: nothing where a file holds them. The others are the shape of the opening.
+_OPTICS = ("focal-length", "fnumber", "aperture-diameter", "sensor-width", "focus", "focus-at")
 
 
 @lru_cache(maxsize=65536)
@@ -87,22 +90,27 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in base.items() if name not in lost} | dict(over)
 
 
-def make_lens(flags: Mapping[str, Any], file: Path | None) -> Lens:
+def make_lens(flags: Mapping[str, Any], file: Path | None, *, radii: bool = False) -> Lens:
     """The lens that flags and a lens file describe together; flags win.
 
     Args:
         flags: option name (``focal-length``, …) to parsed value; absent or None where not given.
         file: a lens file, if there is one.
+        radii: the depth files hold radii, so that the lens is the shape of its opening alone.
 
     Raises:
         InputError: the file cannot be read as TOML.
-        UsageProblem: an option is missing, contradicts another or makes no sense.
+        UsageProblem: an option is missing or has no effect, contradicts another or makes no sense.
     """
     options = {name: value for name, value in flags.items() if value is not None}
     refuse_contradiction(options, _DASHES)
     stored = {} if file is None else read_lens_file(file)
+    if radii:
+        refuse_optics(options, _DASHES)
+        stored = shape_of(stored)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
-    refuse_missing(values, _DASHES)
+    if not radii:
+        refuse_missing(values, _DASHES)
     source = _DASHES if "blade-rotation" in options else f"{file}: "
     refuse_idle_turn(values.get("blade-rotation"), values.get("blades"), source)
     lens = lens_of(values, _DASHES if {"focus", "focus-at"} & options.keys() else f"{file}: ")
@@ -115,11 +123,14 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
     """The lens of parsed options, of which none is missing and none contradicts another.
 
     Args:
-        values: the options.
+        values: the options; of a lens whose shape alone is known, blades and their rotation.
         source: how errors about the focus begin.
     """
-    foclen, focus = values["focal-length"], values.get("focus")
-    fnum = values["fnumber"] if "fnumber" in values else foclen / values["aperture-diameter"]
+    foclen, focus = values.get("focal-length", math.nan), values.get("focus")
+    if "fnumber" in values:
+        fnum = values["fnumber"]
+    else:
+        fnum = foclen / values.get("aperture-diameter", math.nan)
     percentile = focus.percent if isinstance(focus, quantities.Percentile) else None
     return Lens(
         foclen=foclen,
@@ -171,6 +182,20 @@ def refuse_missing(values: Mapping[str, Any], source: str) -> None:
             either = f" or {other}" if other else ""
             remedy = f'write {name} = "{example}"{either} below [lens]'
         raise UsageProblem(f"{source}{name}", "is missing", remedy)
+
+
+def refuse_optics(names: Iterable[str], source: str) -> None:
+    """Raise UsageProblem if an option decides the radii, which the depth files hold themselves."""
+    for name in names:
+        if name in _OPTICS:
+            problem = "changes nothing: with depth-format coc, the files hold the radii"
+            remedy = "leave it out; blades and blade-rotation shape the opening"
+            raise UsageProblem(f"{source}{name}", problem, remedy)
+
+
+def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that shape the opening."""
+    return {name: value for name, value in options.items() if name not in _OPTICS}
 
 
 def refuse_idle_turn(turned: object, blades: object, source: str) -> None:

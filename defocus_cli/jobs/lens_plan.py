@@ -24,6 +24,8 @@ from defocus_cli.jobs.lens_options import (
     refuse_idle_turn,
     refuse_missing,
     refuse_near_focus,
+    refuse_optics,
+    shape_of,
 )
 from defocus_cli.jobs.quantities import Percentile, pixel_count
 from defocus_cli.jobs.random_lenses import Sampling, distribution, drawn_lens, read_sampling
@@ -45,6 +47,7 @@ class LensPlan:
         sampling: the options that are drawn, for each point.
         max_coc: largest CoC radius in px that a lens may have; None for any.
         taken: options that are swept or drawn, and the name of the table that says so.
+        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
     """
 
     source: str
@@ -53,6 +56,7 @@ class LensPlan:
     sampling: Sampling
     max_coc: float | None
     taken: Mapping[str, str]
+    radii: bool = False
 
     @property
     def count(self) -> int:
@@ -68,9 +72,11 @@ class LensPlan:
         _refuse_taken(entry.options, self.taken, f"{entry.where}: ")
         shared = merged(merged(self.options, self.sampling.options), entry.options)
         source = f"{entry.where}: " if entry.options else self.source
+        if self.radii:
+            refuse_optics(entry.options, source)
         for point in self.points:
             options = merged(shared, point.options)
-            _check_lens(options, source)
+            _check_lens(options, source, radii=self.radii)
             if not self.sampling.count:
                 values = {name: parsed(name, text) for name, text in options.items()}
                 yield point.suffix, replace(lens_of(values, source), max_coc=self.max_coc)
@@ -81,8 +87,14 @@ class LensPlan:
                 yield f"{point.suffix}_s{index:03}", lens
 
 
-def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
+def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) -> LensPlan:
     """The lenses that ``[lens]``, ``[sweep]`` and ``[sample]`` ask for.
+
+    Args:
+        lens: ``[lens]``.
+        sweep: ``[sweep]``.
+        sample: ``[sample]``.
+        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
 
     Raises:
         InputError: the lens file cannot be read.
@@ -107,6 +119,11 @@ def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
     _refuse_taken(own, taken, lens.place(""))
     file = lens.text("file")
     stored = {} if file is None else read_lens_file(lens.file.parent / file)
+    if radii:
+        refuse_optics(own, lens.place(""))
+        refuse_optics((name for point in points for name in point.options), sweep.place(""))
+        refuse_optics(sampling.options, sample.place(""))
+        stored = shape_of(stored)
     return LensPlan(
         source=f"{lens.file}: ",
         options=merged(stored, own),
@@ -114,6 +131,7 @@ def read_plan(lens: Table, sweep: Table, sample: Table) -> LensPlan:
         sampling=sampling,
         max_coc=_max_coc(lens, sample),
         taken=taken,
+        radii=radii,
     )
 
 
@@ -124,12 +142,13 @@ def _max_coc(lens: Table, sample: Table) -> float | None:
     return table.parsed("max-coc", pixel_count)
 
 
-def _check_lens(options: Mapping[str, str], source: str) -> None:
+def _check_lens(options: Mapping[str, str], source: str, *, radii: bool) -> None:
     """Refuse a lens without a required option, with a useless one, or that may focus too near."""
-    refuse_missing(options, source)
-    nearest = min(_extremes(options, "focus"), default=math.inf)
-    longest = max(_extremes(options, "focal-length"))
-    refuse_near_focus(nearest, longest, f"{source}focus")
+    if not radii:
+        refuse_missing(options, source)
+        nearest = min(_extremes(options, "focus"), default=math.inf)
+        longest = max(_extremes(options, "focal-length"))
+        refuse_near_focus(nearest, longest, f"{source}focus")
     turned, bladed = (any(_extremes(options, name)) for name in ("blade-rotation", "blades"))
     refuse_idle_turn(turned, bladed, source)
 

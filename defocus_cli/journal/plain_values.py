@@ -1,7 +1,7 @@
 """Jobs as plain JSON values and back, for journals and workers.
 
 Fields that have their default are left out, so that a field that is new in a version changes
-nothing for jobs that do not use it. Infinity is the word ``inf``.
+nothing for jobs that do not use it. Infinity is the word ``inf``, NaN ``nan``.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, Path):
         return str(value)
-    if isinstance(value, float) and math.isinf(value):
-        return "inf" if value > 0 else "-inf"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
     return value
 
 

@@ -40,13 +40,14 @@ _OF_A_PICTURE: Types = {
     "depth_note": (str,),
 }
 _OF_A_LENS: Types = {
-    "focal_length_mm": _NUMBER,
-    "fnumber": _NUMBER,
-    "sensor_width_mm": _NUMBER,
-    "focus_mm": (int, float, str),
+    "focal_length_mm": (*_NUMBER, _NOTHING),
+    "fnumber": (*_NUMBER, _NOTHING),
+    "sensor_width_mm": (*_NUMBER, _NOTHING),
+    "focus_mm": (*_NUMBER, str, _NOTHING),
     "blades": (int,),
     "blade_rotation_deg": _NUMBER,
 }
+_OPTICS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_mm")  # none beside radii
 
 
 def folders_outside(out: Path) -> frozenset[str]:
@@ -119,6 +120,8 @@ def _fault_of_picture(record: Mapping[str, Any]) -> str | None:
     if fault:
         return fault
     lens = record["lens"]
+    if len({lens[key] is None for key in _OPTICS}) > 1:
+        return f"has a lens with some of {', '.join(_OPTICS)}, neither all nor none"
     if isinstance(lens["focus_mm"], str) and lens["focus_mm"] != "inf":
         return f"has the focus_mm {lens['focus_mm']!r}, neither a number nor inf"
     if not isinstance(lens.get("draw", {}), dict):

@@ -8,8 +8,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.jobs.job import Lens
+import click
+
+from defocus_cli.jobs.job import Lens, Reading
 from defocus_cli.jobs.lens_options import PARSERS, make_lens
+from defocus_cli.jobs.reading_options import lens_file_reading
 from defocus_cli.options.types import Decorator, FilePath, Quantity, bundle, grouped_option
 
 _LENS_HELP = {
@@ -48,7 +51,12 @@ def lens_options(*, required: bool) -> Decorator:
 
     def make(lens_file: Path | None, **values: Any) -> Lens | None:
         flags = {name.replace("_", "-"): value for name, value in values.items()}
+        said = click.get_current_context().params.get("depth_format")
+        depth_format = said or lens_file_reading(lens_file).get("depth_format")
+        radii = Reading(depth_format=depth_format).holds_radii
         asked = lens_file is not None or any(value is not None for value in flags.values())
-        return make_lens(flags, lens_file) if required or asked else None
+        if not (required or asked):
+            return None
+        return make_lens(flags, lens_file, radii=radii)
 
     return bundle("lens", make, [*map(_lens_option, _LENS_HELP), _lens_file_option()])

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from defocus_cli.formats.kinds import Kind
+    from defocus_cli.jobs.job import Lens
     from defocus_cli.rendering.outcome import Outcome, Rendering
 
 
@@ -96,10 +97,7 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
-        "focal_length": length_text(lens.foclen, 9),
-        "fnumber": f"{lens.fnum:.9g}",
-        "sensor_width": length_text(lens.sensor_width, 9),
-        "focus": "" if lens.foc_dist is None else length_text(lens.foc_dist, 9),
+        **_optics(lens),
         "blades": str(lens.blades),
         "blade_rotation": f"{lens.blade_rotation:.9g}deg",
         "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
@@ -107,3 +105,15 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "device": outcome.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}
+
+
+def _optics(lens: Lens) -> dict[str, str]:
+    """What of a lens decides the radii; nothing where a file holds them."""
+    if lens.is_shape:
+        return {}
+    return {
+        "focal_length": length_text(lens.foclen, 9),
+        "fnumber": f"{lens.fnum:.9g}",
+        "sensor_width": length_text(lens.sensor_width, 9),
+        "focus": "" if lens.foc_dist is None else length_text(lens.foc_dist, 9),
+    }

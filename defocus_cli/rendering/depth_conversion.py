@@ -11,6 +11,7 @@ from defocus_cli.jobs.job import Reading
 from defocus_cli.system.arrays import bands
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.safe_files import written_together
 
 if TYPE_CHECKING:
@@ -40,12 +41,14 @@ class Converted:
         depth: the depth.
         range_m: nearest and farthest but sky; None if there is only sky.
         sky: how many pixels are sky.
+        warnings: what was taken for granted, and what tells of another format.
     """
 
     place: Place
     depth: Depth
     range_m: tuple[float, float] | None
     sky: int
+    warnings: tuple[str, ...]
 
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
@@ -95,10 +98,12 @@ def convert(place: Place, reading: Reading) -> Converted:
         InputError: the file cannot be read, has pixels without depth, or cannot be written.
         UsageProblem: an option is missing or makes no sense for the file.
     """
-    import numpy as np
+    with put_off():
+        import numpy as np
 
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.formats.exr import write_exr
+    from defocus_cli.rendering.implausible_depth import implausible_file
 
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"
@@ -121,7 +126,8 @@ def convert(place: Place, reading: Reading) -> Converted:
         write_exr(place.out, {"Z": depth.metres}, attributes)
         if place.preview is not None:
             _write_preview(place.preview, depth, range_m)
-    return Converted(place, depth, range_m, sky)
+    warnings = (*implausible_file(depth, declared=reading.says_scale), *depth.warnings)
+    return Converted(place, depth, range_m, sky, warnings)
 
 
 def _write_preview(path: Path, depth: Depth, range_m: tuple[float, float] | None) -> None:

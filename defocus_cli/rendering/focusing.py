@@ -80,19 +80,23 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin_lens(lens, size).radius_at_infinity()
 
 
-def repair_of(lens: Lens, depth: Depth) -> str:
-    """How a whole depth would be repaired before it is rendered, in words; empty if it is not."""
+def repair_of(lens: Lens, radius: Any) -> str:
+    """How a depth would be repaired before it is rendered, in words; empty if it is not.
+
+    Args:
+        lens: the lens, with its focus distance.
+        radius: signed CoC radius in px of all pixels, [H, W].
+    """
     import torch
 
     from defocus_cli.rendering.outcome import repair_words
-    from defocus_cli.system.arrays import Scratch, Windows
+    from defocus_cli.system.arrays import Windows
     from defocus_core import diagnose_depth
 
-    height, width = depth.metres.shape
-    keeping = Keeping(scratch=isinstance(depth.metres, Scratch))
-    radius = Windows([radius_map(lens, depth, keeping)[0]], "cpu", lone=True)
-    infinity = None if depth.is_radius else radius_at_infinity(lens, (width, height))
-    return repair_words(diagnose_depth(radius, infinity, torch.get_num_threads()))
+    height, width = radius.shape
+    infinity = radius_at_infinity(lens, (width, height))
+    windows = Windows([radius], "cpu", lone=True)
+    return repair_words(diagnose_depth(windows, infinity, torch.get_num_threads()))
 
 
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
@@ -157,9 +161,6 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
 
 def _focused_once(lens: Lens, depth: Depth) -> Lens:
     """The lens with the focus distance that the depth decides."""
-    if depth.is_radius and (lens.focus_at is not None or lens.focus_percentile is not None):
-        problem = f"asks for a distance, and {depth.path} holds radii"
-        raise UsageProblem(f"{lens.focus_source}focus", problem, "give the focus as a distance")
     if lens.focus_at is not None:
         return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
     if lens.focus_percentile is not None:

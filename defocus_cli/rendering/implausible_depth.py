@@ -25,6 +25,7 @@ MM_PER_M = 1000.0
 SHARP_PX = 2.0  # CoC radius
 SHARP_SHARE = 0.25  # of the greatest CoC radius
 _UNREAL = ("worlddepth", "scenedepth", "imagedepth")  # channels that Unreal writes, in centimetres
+_HYPERSIM = "dataset"  # array of its HDF5 files
 
 
 def implausible(
@@ -41,19 +42,30 @@ def implausible(
     """
     if depth.is_radius:  # then no distance is taken for another
         return ()
-    files = () if declared else _of_file(depth)
-    return (*_of_radii(depth, radius, ends, lens, declared=declared), *files)
+    of_file = implausible_file(depth, declared=declared)
+    return (*implausible_radii(depth, radius, ends, lens, declared=declared), *of_file)
+
+
+def implausible_radii(
+    depth: Depth, radius: Any, ends: tuple[float, float], lens: Lens, *, declared: bool
+) -> tuple[str, ...]:
+    """The strongest evidence of the CoC radii, if any; see `implausible`."""
+    return tuple(_of_radii(depth, radius, ends, lens, declared=declared))
+
+
+def implausible_file(depth: Depth, *, declared: bool) -> tuple[str, ...]:
+    """Evidence of the file's name, channel and neighbours, of a convention nobody declared."""
+    return () if declared else tuple(_of_file(depth))
 
 
 def _of_radii(
     depth: Depth, radius: Any, ends: tuple[float, float], lens: Lens, *, declared: bool
 ) -> Iterator[str]:
-    """The strongest evidence of the CoC radii, if any."""
     if lens.foc_dist is None:
         return
     height, width = depth.metres.shape
     greatest = max(abs(end) for end in ends)
-    remedy = f"check {'' if declared else '--depth-unit and '}--focus"
+    remedy = f"check {'the declared format or unit' if declared else '--depth-unit'} and --focus"
     nearer = sum(_nearer_than(depth.metres[rows], lens) for rows in bands(depth.metres.shape))
     if nearer:
         where = f"nearer than the focal length {length_text(lens.foclen)}"
@@ -99,7 +111,6 @@ def _range_text(depth: Depth) -> str:
 
 
 def _of_file(depth: Depth) -> Iterator[str]:
-    """Evidence of the file's name, channel and neighbours, of a convention nobody declared."""
     path, channel = depth.path, depth.channel.lower()
     if path.suffix.lower() == ".pfm" and (path.parent / "calib.txt").is_file():
         problem = "calib.txt beside it tells of disparity, but depth is taken as metres"
@@ -107,3 +118,6 @@ def _of_file(depth: Depth) -> Iterator[str]:
     if any(word in channel for word in _UNREAL):
         problem = f"channel {depth.channel} is one that Unreal writes in centimetres"
         yield f"{path}: {problem}, but depth is taken as metres; say --depth-format unreal-mrq"
+    if channel == _HYPERSIM and path.suffix.lower() in (".hdf5", ".h5"):
+        problem = "array dataset is that of Hypersim, whose numbers are distances to the point"
+        yield f"{path}: {problem}; say --depth-format hypersim, or metres"

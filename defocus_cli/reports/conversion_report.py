@@ -21,6 +21,7 @@ def record(converted: Converted) -> dict[str, Any]:
         "sky_pixels": converted.sky,
         "replaced_pixels": converted.depth.replaced,
         "note": converted.depth.note,
+        "warnings": list(converted.warnings),
     }
 
 

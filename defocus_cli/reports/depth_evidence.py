@@ -86,7 +86,7 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str,
     except UserError:  # another line of the report says why
         return tuple(sentences)
     if reading.depth_format is None:
-        sentences += _numbers_evidence(path, samples)
+        sentences += _numbers_evidence(path, samples, reading)
     sentences += _faults(samples)
     return tuple(sentences)
 
@@ -108,7 +108,7 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
             yield f"{place.format(stem=path.stem)} beside it: {_say(name)}"
 
 
-def _numbers_evidence(path: Path, samples: Samples) -> Iterator[str]:
+def _numbers_evidence(path: Path, samples: Samples, reading: DepthReading) -> Iterator[str]:
     """Evidence of the numbers of a file without a named format."""
     texts = png_text(path)
     if {"near", "far"} <= texts.keys():
@@ -126,7 +126,7 @@ def _numbers_evidence(path: Path, samples: Samples) -> Iterator[str]:
                 f"0 in {_percent(zero)} of the 16-bit pixels: holes of {shown} and others, or far "
                 "away by a network; say --depth-format, and --invalid far or fill for holes"
             )
-    if samples.type == "8-bit PNG":
+    if samples.type == "8-bit PNG" and not reading.says_scale:
         yield (
             "8 bits: relative depth of a network; say --depth-range NEAR FAR, and --depth-kind "
             "disparity if bright is near, or depth if bright is far"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import Lens, Reading, lens_record
 from defocus_cli.system.arrays import Keeping, bands
-from defocus_cli.system.errors import InputError
+from defocus_cli.system.errors import InputError, UserError
+from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.memory import MB
 
 if TYPE_CHECKING:
@@ -43,6 +44,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         InputError: the file cannot be read, or does not have what ``reading`` names.
         UsageProblem: the options make no sense for this file.
     """
+    with put_off():
+        import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
+
     from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
@@ -87,6 +91,50 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
         "maps": maps,
     }
+
+
+def inspect_pairs(
+    records: Sequence[Mapping[str, Any]], reading: Reading, lens: Lens | None
+) -> list[dict[str, Any]]:
+    """What is wrong between colour and depth, where the files inspected are those of one picture.
+
+    Args:
+        records: of all files, as `inspect` made them.
+        reading: how they are read.
+        lens: the lens, None if none was said.
+
+    Returns:
+        What ``defocus info --json`` prints of the picture: of two files of one size, of which one
+        holds colour and the other depth, the first colour if both hold both; or of an EXR with
+        depth beside its colour.
+    """
+    from pathlib import Path
+
+    from defocus_cli.reports.pair_evidence import evidence_of_pair
+
+    orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
+    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair)]
+    if not pairs:
+        return []
+    color, depth = (record["file"] for record in pairs[0])
+    width, height = pairs[0][0]["size"]
+    keeping = Keeping(scratch=4 * width * height > _NUMBERS_IN_MEMORY)
+    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
+    try:
+        evidence = evidence_of_pair(
+            Path(color), Path(depth), reading, keeping=keeping, lens_focal=lens_focal
+        )
+    except UserError:  # the two cannot be read as one picture, as with --part of one of them
+        return []
+    return [{"color": color, "depth": depth, "evidence": list(evidence)}]
+
+
+def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any]) -> bool:
+    """Whether two records, or one twice, are of colour and depth that could be one picture."""
+    if color is depth and not color["file"].lower().endswith(".exr"):
+        return False
+    has_both = color["color"] is not None and depth["depth"] is not None
+    return has_both and "R" in color["color"]["channels"] and color["size"] == depth["size"]
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
@@ -165,6 +213,7 @@ def _depth(
 
     from defocus_cli.depth_formats.depth import read_depth
     from defocus_cli.rendering import focusing
+    from defocus_cli.rendering.implausible_depth import implausible_radii
 
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     depth = read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
@@ -179,6 +228,7 @@ def _depth(
         ends += _ends(metres)
         finite_ends += _ends(finite)
     coc_px, repair = None, ""
+    warnings: tuple[str, ...] = ()
     if lens is not None and ends:
         lens = focusing.focused(lens, depth)
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
@@ -186,7 +236,10 @@ def _depth(
         coc_px = [float(r) for r in focusing.signed_radius(lens, extremes, (width, height))]
         if valid == height * width:
             with suppress(InputError):  # too near to be rendered, as the radius shows
-                repair = focusing.repair_of(lens, depth)
+                radius, ends_px = focusing.radius_map(lens, depth, keeping)
+                declared = reading.says_scale
+                warnings = implausible_radii(depth, radius, ends_px, lens, declared=declared)
+                repair = focusing.repair_of(lens, radius)
     return depth.note, {
         "range_m": [min(finite_ends), max(finite_ends)] if finite_ends else None,
         "sky_pixels": sky,
@@ -194,6 +247,7 @@ def _depth(
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
         "repair": repair,
+        "warnings": list(warnings),
     }
 
 

@@ -41,6 +41,15 @@ def lines(record: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {sentence}"
 
 
+def pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
+    """What is wrong between colour and depth, from a record of ``inspect_pairs``."""
+    if not pair["evidence"]:
+        return
+    yield " and ".join(dict.fromkeys((pair["color"], pair["depth"]))) + ":"
+    for sentence in pair["evidence"]:
+        yield f"  {sentence}"
+
+
 def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
     """The depth of a file in words."""
     ends = depth["range_m"]
@@ -52,3 +61,5 @@ def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
         yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_record_words(depth['lens'])})"
         if depth["repair"]:
             yield f"  rendered: {depth['repair']}"
+    for warning in depth["warnings"]:
+        yield f"  warning: {warning}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ from command_line import (
 from depth_files import npy, pfm, png
 from image_files import save
 
-from defocus_cli.jobs.job import Machine, Outputs, Reading
+from defocus_cli.dataset.finished import samples
+from defocus_cli.jobs.job import Lens, Machine, Outputs, Reading
 from defocus_cli.jobs.jobs_file import read_jobs
 from defocus_cli.journal.plain_values import plain, typed
 from defocus_cli.system.errors import UsageProblem
@@ -268,30 +270,71 @@ def test_depth_of_another_size_is_taken_from_the_nearest_pixel(tmp_path: Path) -
     refused(render(color, square, "-o", tmp_path / "q", *said), 3, "of another aspect")
 
 
-def test_signed_radii_are_used_as_they_are(tmp_path: Path) -> None:
+def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> None:
     color, path = pair(tmp_path)
-    radii = np.float32(ramp() * 2 - 5)  # far beyond what this lens blurs
+    radii = np.float32(ramp() * 2 - 5)
     held = write_exr(tmp_path / "coc.exr", coc=radii)
     said = ("--depth-format", "coc", "--outputs", "render,coc")
-    assert render(color, held, "-o", tmp_path / "o", *said).code == 0
+    assert run("render", color, held, "-o", tmp_path / "o", *said).code == 0
     np.testing.assert_array_equal(read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"], radii)
     render(color, path, "-o", tmp_path / "p", "--outputs", "render,coc", "--exr-type", "float")
     own = tmp_path / "p" / "coc" / "a.exr"  # written by us: the picture is the same again
-    render(color, own, "-o", tmp_path / "q", *said, "--exr-type", "float")
+    run("render", color, own, "-o", tmp_path / "q", *said, "--exr-type", "float")
     of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "pq"]
     np.testing.assert_allclose(of[1], of[0], atol=1e-5)
     refused(run("depth", held, "--depth-format", "coc", "-o", tmp_path / "z.exr"), 2, "no depth")
     shown = run("info", held, "--depth-format", "coc").out
     assert "negative nearer than the focus): -3.00 to 3.00 px" in shown
     assert " m to " not in shown
-    args = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "3,3")
-    ran = run("render", color, held, "-o", tmp_path / "r", *args, "--depth-format", "coc")
-    refused(ran, 2, "holds radii", "give the focus as a distance")
+
+
+def test_what_radii_leave_without_effect_is_refused(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    radii = np.float32(ramp() * 2 - 5)
+    held = write_exr(tmp_path / "coc.exr", coc=radii)
+    args = ("render", color, held, "-o", tmp_path / "o", "--depth-format", "coc")
+    for said in (("--focus-at", "3,3"), ("--focal-length", "50mm"), ("--sensor-width", "36mm")):
+        refused(run(*args, *said), 2, f"{said[0]}: changes nothing", "leave it out")
     half = write_exr(tmp_path / "h.exr", coc=radii[::2, ::2].copy())
-    ran = render(color, half, "-o", tmp_path / "t", *said, "--resize-depth", "nearest")
+    ran = run("render", color, half, *args[3:], "--resize-depth", "nearest")
     refused(ran, 3, "holds radii in px of a picture of 12x8 px")
     held = write_exr(tmp_path / "n.exr", coc=np.full((16, 24), np.nan, np.float32))
-    refused(render(color, held, "-o", tmp_path / "s", *said), 3, "is NaN or infinite in 384 pixels")
+    refused(run("render", color, held, *args[3:]), 3, "is NaN or infinite in 384 pixels")
+
+
+def test_of_a_lens_file_radii_leave_the_shape_of_the_opening(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
+    text = 'depth-format = "coc"\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nblades = 5\n'
+    (tmp_path / "lens.toml").write_text(text)
+    args = ("render", color, held, "-o", tmp_path / "o", "--lens", tmp_path / "lens.toml")
+    ran = run(*args, "--json")
+    lens = ran.json["pictures"][0]["lens"]
+    assert (lens["focal_length_mm"], lens["focus_mm"], lens["blades"]) == (None, None, 5)
+    assert "radii of the file, 5 blades" in run(*args, "--overwrite").err
+    run("render", color, held, "-o", tmp_path / "p", "--depth-format", "coc")
+    of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "op"]
+    assert np.abs(of[0] - of[1]).max() > 1e-3
+
+
+def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
+    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{held}"\n[reading]\ndepth-format = "coc"\n'
+    jobs, out = tmp_path / "jobs.toml", tmp_path / "o"
+    for table, name in (("lens", "fnumber"), ("sweep", "focus"), ("sample", "focal-length")):
+        more = 'n = 1\nseed = 7\nfocal-length = "uniform(20mm, 50mm)"' if table == "sample" else ""
+        value = {"lens": "fnumber = 2", "sweep": 'focus = ["1m", "2m"]', "sample": more}[table]
+        jobs.write_text(f"{inputs}[{table}]\n{value}\n")
+        refused(run("batch", jobs, "-o", out), 2, f"[{table}] {name}: changes nothing")
+    jobs.write_text(f"{inputs}[sweep]\nblades = [0, 5]\n")
+    assert run("batch", jobs, "-o", out, "--processes", "1").code == 0
+    assert "2 done before" in run("batch", jobs, "-o", out, "--processes", "1").err
+    lenses = [sample.lens for sample in samples(out)]
+    assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
+        (True, None, 0),
+        (True, None, 5),
+    ]
 
 
 def test_focus_at_a_pixel_is_that_of_the_decoded_depth(tmp_path: Path) -> None:
@@ -382,3 +425,31 @@ def test_the_focal_length_of_the_colour_holds_for_smaller_depth(tmp_path: Path) 
     render(*args, "-o", tmp_path / "p", "--focal-px", repr(50 / 36 * 24))
     of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
     np.testing.assert_allclose(of[1], of[0], atol=1e-6)
+
+
+def test_a_pfm_beside_calib_txt_is_not_converted_without_a_word(tmp_path: Path) -> None:
+    path = pfm(tmp_path / "disp0.pfm", ramp())
+    (tmp_path / "calib.txt").write_text("cam0=[1 0 0; 0 1 0; 0 0 1]\n")
+    ran = run("depth", path, "-o", tmp_path / "a.exr", "--json")
+    (warning,) = ran.json["files"][0]["warnings"]
+    assert "--depth-format middlebury" in warning
+    assert ran.err == f"warning: {warning}\n"
+    ran = run("depth", path, "-o", tmp_path / "b.exr", "--depth-format", "metres", "--json")
+    assert ran.json["files"][0]["warnings"] == []
+
+
+def test_zeros_of_integers_are_asked_for_their_meaning(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    path = png(tmp_path / "z.png", np.where(ramp() < 2, 0, 500))
+    for said in ((), ("--depth-unit", "mm")):
+        ran = render(color, path, "-o", tmp_path / "o", *said)
+        refused(ran, 3, "say --depth-format, since 0 is a hole for some and sky for others")
+    ran = render(color, path, "-o", tmp_path / "o", "--depth-format", "kitti")
+    refused(ran, 3, "say --invalid far if they are sky, or fill if they are holes")
+    assert "write inf" not in ran.err
+
+
+def test_a_lens_of_radii_comes_back_from_the_journal() -> None:
+    lens = typed(Lens, json.loads(json.dumps(plain(Lens(math.nan, math.nan, None, blades=5)))))
+    assert lens.is_shape
+    assert (lens.foc_dist, lens.blades) == (None, 5)

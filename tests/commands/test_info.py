@@ -217,3 +217,14 @@ def test_integers_are_depth_once_their_unit_is_said(tmp_path: Path) -> None:
 def test_a_missing_file_is_input(tmp_path: Path) -> None:
     refused(run("info", tmp_path / "no.exr"), 3, "no.exr: no such file")
     refused(run("info"), 2, "FILE...: is missing")
+
+
+def test_a_depth_that_hardly_suits_the_lens_is_doubted(tmp_path: Path) -> None:
+    path = depth_exr(tmp_path / "z.exr", ramp() / 1000)  # metres taken for millimetres
+    ran = run("info", path, *LENS)
+    assert "  warning: depth is nearer than the focal length" in ran.out
+    (record,) = run("info", "--json", path, *LENS).json["files"]
+    (warning,) = record["depth"]["warnings"]
+    assert warning in ran.out
+    (record,) = run("info", "--json", depth_exr(tmp_path / "y.exr"), *LENS).json["files"]
+    assert record["depth"]["warnings"] == []

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import LENS, pair
+from command_line import LENS, depth_exr, pair
 
 from defocus_cli.system.process import imports
 
@@ -75,16 +75,29 @@ def test_a_fault_of_python_itself_is_told_as_ever() -> None:
     assert "ZeroDivisionError" in ran.stderr
 
 
-def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback() -> None:
-    pressing = (
+def pressing(module: str) -> str:
+    """A program that presses Ctrl-C as soon as a module is imported."""
+    return (
         "import os, signal, sys\n"
         "class Pressing:\n"
         "    def find_spec(self, name, path, target=None):\n"
-        "        if name == 'click': os.kill(os.getpid(), signal.SIGINT)\n"
+        f"        if name == {module!r}: os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Pressing())\n"
     )
-    ran = ended(pressing + RUN, "--version")
+
+
+def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback() -> None:
+    ran = ended(pressing("click") + RUN, "--version")
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "defocus: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["defocus_cli.jobs.job", "numpy._core.getlimits", "OpenImageIO"])
+def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module: str, tmp_path: Path) -> None:
+    held = depth_exr(tmp_path / "a.exr")
+    for words in (("info", held), ("depth", held, "-o", tmp_path / "z.exr")):
+        ran = ended(pressing(module) + RUN, *words)
+        assert ran.returncode == 130, ran.stderr
+        assert ran.stderr.startswith("defocus: interrupted")
 
 
 def test_garbage_is_not_looked_for_while_modules_are_imported() -> None:

@@ -74,9 +74,9 @@ def test_all_sky_has_no_range() -> None:
     assert "nowhere but to the sky" in line
 
 
-def test_whoever_declared_the_unit_is_asked_for_the_focus_alone() -> None:
+def test_whoever_declared_the_unit_is_not_asked_to_declare_it() -> None:
     (line,) = warnings(SCENE * 100, declared=True)
-    assert line.endswith("check --focus")
+    assert line.endswith("check the declared format or unit and --focus")
 
 
 def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path: Path) -> None:
@@ -93,3 +93,11 @@ def test_channels_of_unreal_are_in_centimetres() -> None:
     (line,) = warnings(SCENE, channel=channel)
     assert "--depth-format unreal-mrq" in line
     assert not warnings(SCENE, channel=channel, declared=True)
+
+
+def test_the_array_of_hypersim_holds_distances_to_the_point() -> None:
+    path = "frame.0000.depth_meters.hdf5"
+    (line,) = warnings(SCENE, path=path, channel="dataset")
+    assert "--depth-format hypersim" in line
+    assert not warnings(SCENE, path=path, channel="dataset", declared=True)
+    assert not warnings(SCENE, path="depth.npz", channel="dataset")
