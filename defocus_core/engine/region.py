@@ -219,12 +219,22 @@ class Region:
         return [surface for surface in self._hidden if surface.plan[index]]
 
     def _lit(self, views: list[Tensor], index: int) -> list[Tensor]:
-        """The views of each group of parts, with highlights."""
+        """The views of each group of parts, with highlights.
+
+        A picture is divided by its coverage, which highlights do not share: they are weighted by
+        it, so that errors of the coverage do not make them brighter.
+        """
         if self._highlights is None:
             return views
-        lit = self._tiles[index].seen_from(self._tiles[0]).of(self._highlights)
-        groups = self._frame.division.groups
-        return [add_light(view, lit[group]) for view, group in zip(views, groups, strict=True)]
+        box = self._tiles[index].seen_from(self._tiles[0])
+        lit, groups = box.of(self._highlights), self._frame.division.groups
+        inside: list[Tensor | float] = [1.0 for _ in groups]
+        if self._in_frame is not None:
+            inside = [box.of(share) for share in self._in_frame]
+        return [
+            add_light(view, lit[group] * (view[:, -1:] / share))
+            for view, group, share in zip(views, groups, inside, strict=True)
+        ]
 
     def _is_inside(self, box: Box) -> bool:
         """Whether no light from beyond the frame reaches a rectangle."""

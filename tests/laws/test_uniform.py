@@ -255,3 +255,15 @@ def test_pixels_count_as_blurred_where_slices_were_asked_for() -> None:
     with torch.no_grad():
         assert torch.equal(render(image, radius).render, image)
         assert render(image, radius, num_layers=3).stats["pixels"] == 2000
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("slope", [0.02, 0.05, 0.1])
+def test_a_light_on_a_slope_keeps_its_light(slope: float, quality: str) -> None:
+    """A slope magnifies on one side of the aperture by what it takes away on the other."""
+    ground = torch.full((3, 120, 140), 0.3, dtype=torch.float64)
+    radius = (slope * (torch.arange(140.0) - 70) + 6).expand(120, 140).double().contiguous()
+    lit = ground.clone()
+    lit[:, 60, 70] = 7e4
+    light = (render(lit, radius, quality=quality).render - ground).sum((-2, -1)) / (7e4 - 0.3)
+    assert worst(light, torch.ones(3, dtype=torch.float64)) < 1.5e-3
