@@ -23,7 +23,7 @@ def test_a_picture(golden):
 def passes(folder: Path, *options: str, expression: str = "image", bounds: str = "") -> str | None:
     """None if the test passes, else what pytest says."""
     (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
-    plugin = ["-p", "defocus_cli.pytest_plugin", "-p", "no:cacheprovider"]
+    plugin = ["-p", "no:defocus", "-p", "defocus_cli.pytest_plugin", "-p", "no:cacheprovider"]
     words = [sys.executable, "-m", "pytest", "-q", *plugin, *options, "test_it.py"]
     ran = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     assert ran.returncode in (0, 1), ran.stdout + ran.stderr
