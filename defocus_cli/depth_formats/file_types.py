@@ -74,7 +74,9 @@ def _allowed(path: Path, samples: Samples, reading: DepthReading) -> Samples:
     """Refuse a type of file that the named format does not come in."""
     row = reading.row
     if reading.depth_format is not None and samples.type not in row.files:
-        problem = f"is {_article(samples.type)}, and {row.name} comes as {', '.join(row.files)}"
+        problem = (
+            f"is read as {_article(samples.type)}, and {row.name} comes as {', '.join(row.files)}"
+        )
         raise InputError(path, problem, "check --depth-format")
     return samples
 

@@ -168,6 +168,8 @@ def _smooth_shifts(
     number = torch.full((H * W,), n, device=at.device)
     number[at[:, 0] * W + at[:, 1]] = torch.arange(n, device=at.device)
     beside = number[squares_around(at, size, 2).flatten(1)]  # [n, 25], n where there is none
+    beside = beside.sort(1).values
+    beside = beside[:, : int((beside < n).sum(1).amax())]
 
     def averaged(values: Tensor, rounds: int) -> Tensor:
         """Values [n, K] averaged over the silhouette."""

@@ -78,7 +78,7 @@ def _path_end(values: Tensor, around: Tensor, index: Tensor) -> Tensor:
     for _ in range(_LONGEST):
         ends = end[around]
         lowest = torch.where(steepest, values[ends], torch.inf).argmin(1, keepdim=True)
-        end = end.index_copy(0, index, ends.gather(1, lowest)[:, 0])
+        end.index_copy_(0, index, ends.gather(1, lowest)[:, 0])
     return end[index]
 
 

@@ -173,7 +173,7 @@ def test_a_library_that_is_not_there_is_named_with_its_extra(
 
 def test_another_type_of_file_than_the_format_comes_in(tmp_path: Path) -> None:
     path = npy(tmp_path / "a.npy", [[1.0]])
-    with pytest.raises(InputError, match="is an NPY, and kitti comes as 16-bit PNG"):
+    with pytest.raises(InputError, match="is read as an NPY, and kitti comes as 16-bit PNG"):
         read(path, depth_format="kitti")
 
 
