@@ -104,7 +104,8 @@ def command(
         words = [f"A: {a}", f"B: {b}"]
         commands = comparisons.compare_commands(rules.of, settings)
         title = f"{b} compared with {a}"
-        comparisons.write(html, title, words, records, settings, commands, processes)
+        occasion = comparisons.Occasion(title, words, commands)
+        comparisons.write(html, occasion, records, settings, processes)
     if as_json:
         console.print_json(**compare_report.document(records))
     elif not lone:

@@ -1,7 +1,7 @@
 """What goes into a file of bounded size: thumbnails and values of the items, by their rank.
 
-Thumbnails of A, B and their difference come first, up to a half of the room; then the values of the
-items in their order, each with all its layers; then the thumbnails of other layers.
+Thumbnails of the first two layers and their difference come first, up to a half of the room; then
+the values of the items in their order, each with all its layers; then the other thumbnails.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from defocus_cli.html.layers import DIFFERENCE, A, B
 
 ROOM = 36_000_000  # characters of payloads; the file is to have less than 40 MB
 _FOR_THUMBNAILS = ROOM // 2
-_SHOWN_FIRST = frozenset({A, B, DIFFERENCE})
 
 
 def length(data: bytes) -> int:
@@ -23,8 +22,13 @@ def length(data: bytes) -> int:
 
 
 def _thumbnails(item: Item, *, first: bool) -> int:
-    own = (each for each in item.layers if (each.key in _SHOWN_FIRST) == first)
+    own = (each for each in item.layers if _is_first(item, each) == first)
     return sum(length(each.thumbnail) for each in own)
+
+
+def _is_first(item: Item, layer: Layer) -> bool:
+    """Whether a layer is one of the two that are shown at first, or their difference."""
+    return layer.key == DIFFERENCE or layer in item.layers[:2]
 
 
 def _values(item: Item) -> int:
@@ -80,7 +84,7 @@ def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Lay
     """
     layers = []
     for layer in item.layers:
-        stays = first if layer.key in _SHOWN_FIRST else others
+        stays = first if _is_first(item, layer) else others
         thumbnail = layer.thumbnail if stays else b""
         layers.append(replace(layer, thumbnail=thumbnail, halves=layer.halves if values else None))
     has_b = any(layer.key == B and layer.thumbnail for layer in layers)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 
 from defocus_cli.compare.metrics import METRICS
@@ -27,31 +29,49 @@ _PACKED = 1.5  # bytes of base64 that a half takes at least
 _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 
 
+@dataclass(frozen=True)
+class Occasion:
+    """What a comparison was made for.
+
+    Attributes:
+        title: heading of the report.
+        words: what was compared, a line each.
+        commands: the command lines of a pair, each with a title.
+        b: what B is, where its files do not last; empty where they do.
+    """
+
+    title: str
+    words: Sequence[str]
+    commands: Commands
+    b: str = ""
+
+
 def write(
     path: Path,
-    title: str,
-    words: Sequence[str],
+    occasion: Occasion,
     records: Sequence[Comparison],
     settings: Settings,
-    commands: Commands,
     processes: int,
 ) -> None:
-    """Write the report of comparisons.
+    """Write the report of comparisons, those that fail first and the worst of them.
 
     Args:
         path: of the HTML file.
-        title: its heading.
-        words: what was compared, a line each.
+        occasion: what they were made for.
         records: of the pairs.
         settings: how they were compared.
-        commands: the command lines of a pair, each with a title.
         processes: how many may draw.
 
     Raises:
         InputError: it cannot be written, or a process died.
     """
-    items = items_of(records, settings, commands, processes)
-    write_report(path, Report(title, words, items, columns_of(items)))
+    ranked = sorted(records, key=rank)
+    subjects = list(_subjects(ranked, settings.coc))
+    drawings = spread(draw_pair, subjects, processes, "the report")
+    items = [
+        _item(record, drawing, occasion) for record, drawing in zip(ranked, drawings, strict=True)
+    ]
+    write_report(path, Report(occasion.title, occasion.words, items, columns_of(items)))
 
 
 def rank(record: Comparison) -> tuple[int, int, float]:
@@ -60,29 +80,6 @@ def rank(record: Comparison) -> tuple[int, int, float]:
     apart = record.nonfinite is not None and record.nonfinite.apart is not None
     error = record.metrics.get("rel-rmse", record.metrics.get("max", 0.0))
     return order[record.status], -int(apart), -error if math.isfinite(error) else -math.inf
-
-
-def items_of(
-    records: Sequence[Comparison], settings: Settings, commands: Commands, processes: int
-) -> list[Item]:
-    """The items of pairs, in the order of their rank.
-
-    Args:
-        records: of the pairs.
-        settings: how they were compared.
-        commands: the command lines of a pair, each with a title.
-        processes: how many may draw.
-
-    Raises:
-        InputError: a process died.
-    """
-    ranked = sorted(records, key=rank)
-    subjects = list(_subjects(ranked, settings.coc))
-    drawings = spread(draw_pair, subjects, processes, "the report")
-    return [
-        _item(record, drawing, commands(record))
-        for record, drawing in zip(ranked, drawings, strict=True)
-    ]
 
 
 def _subjects(ranked: Iterable[Comparison], coc: Path | None) -> Iterable[Subject]:
@@ -95,17 +92,17 @@ def _subjects(ranked: Iterable[Comparison], coc: Path | None) -> Iterable[Subjec
         yield Subject(record, wanted, coc)
 
 
-def _item(record: Comparison, drawing: Drawing, commands: Sequence[tuple[str, str]]) -> Item:
+def _item(record: Comparison, drawing: Drawing, occasion: Occasion) -> Item:
     found = ", ".join(finding.text for finding in record.findings)
     return Item(
         name=record.name,
         status=record.status,
         passes=record.passes,
         words=found or _brief(record),
-        facts=list(_facts(record)),
+        facts=list(_facts(record, occasion.b)),
         metrics=record.metrics,
         facets={"lens": drawing.lens} if drawing.lens else {},
-        commands=commands,
+        commands=occasion.commands(record),
         layers=drawing.layers,
         wiggle=drawing.wiggle,
         full=drawing.full,
@@ -118,7 +115,7 @@ def _brief(record: Comparison) -> str:
     return line(record).removeprefix(f"{record.name}: ").partition(": ")[2]
 
 
-def _facts(record: Comparison) -> Iterable[tuple[str, str]]:
+def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
     """Terms, and what is to be said of each; empty ones are left out."""
     window = ""
     if record.window is not None:
@@ -138,7 +135,7 @@ def _facts(record: Comparison) -> Iterable[tuple[str, str]]:
         ("Metadata", "; ".join(record.metadata)),
         ("Noted", "; ".join(record.notes)),
         ("A", str(record.a or "no such file")),
-        ("B", str(record.b or "no such file")),
+        ("B", b or str(record.b or "no such file")),
     ]
     return ((term, text) for term, text in rows if text)
 
@@ -153,9 +150,7 @@ def columns_of(items: Sequence[Item]) -> list[Column]:
     ]
 
 
-def compare_commands(
-    rules: Callable[[str], Rules], settings: Settings
-) -> Callable[[Comparison], list[tuple[str, str]]]:
+def compare_commands(rules: Callable[[str], Rules], settings: Settings) -> Commands:
     """The command lines of a pair of two files: compare again, and accept B.
 
     Args:
@@ -171,6 +166,31 @@ def compare_commands(
             lines.append(("Compare again", command_line(words)))
             if not record.passes:
                 lines.append(("Accept B", command_line(["cp", "--", record.b, record.a])))
+        return lines
+
+    return commands
+
+
+def golden_commands(
+    jobs: Path, folder: Path, rules: Callable[[str], Rules], default: Rules
+) -> Commands:
+    """The command lines of a golden: check it again, and accept what is rendered.
+
+    Args:
+        jobs: the jobs file.
+        folder: of the goldens.
+        rules: of a golden, by its name.
+        default: the rules that need not be said.
+    """
+
+    def commands(record: Comparison) -> list[tuple[str, str]]:
+        words: list[object] = [jobs, folder, "--only", escape(record.name)]
+        own = rules(record.name)
+        words += [] if own == default else rule_words(own)
+        lines = [("Check again", command_line(["defocus", "golden", "check", *words]))]
+        if not record.passes:
+            accept = command_line(["defocus", "golden", "update", *words, "--accept"])
+            lines.append(("Accept as the golden", accept))
         return lines
 
     return commands

@@ -175,9 +175,9 @@ def _layer(layer: Layer, payloads: _Payloads) -> dict[str, Any]:
 
 
 def _row_pictures(item: Mapping[str, Any]) -> Iterator[str]:
-    """Payloads of the pictures of a row: of B or what stands first, and of the difference."""
+    """Payloads of the pictures of a row: of B, a rendering or what is first; the difference."""
     by_key = {layer["key"]: layer["thumbnail"] for layer in item["layers"]}
-    first = by_key.get(B) or by_key.get(A) or next(filter(None, by_key.values()), "")
+    first = by_key.get(B) or by_key.get("render") or next(filter(None, by_key.values()), "")
     yield from filter(None, (first, by_key.get(DIFFERENCE, "")))
 
 
