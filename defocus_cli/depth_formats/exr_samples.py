@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.samples import Samples
-from defocus_cli.formats.exr import Part, read_parts
+from defocus_cli.exr.header import Header, read_headers
+from defocus_cli.exr.reading import Part, read_parts
 from defocus_cli.formats.exr_channels import (
     ChannelGroup,
     NoDepthChannel,
     channels_of,
     choose_depth,
 )
-from defocus_cli.formats.exr_header import Header, read_headers
 from defocus_cli.system.arrays import Keeping
 from defocus_cli.system.errors import InputError
 

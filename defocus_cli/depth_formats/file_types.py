@@ -10,10 +10,10 @@ from defocus_cli.depth_formats.exr_samples import exr_samples
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.rules import DepthFormat
 from defocus_cli.depth_formats.samples import Samples
+from defocus_cli.exr.header import is_exr
 from defocus_cli.formats.bare_arrays import bare_type, read_bare, read_headerless
 from defocus_cli.formats.containers import Entry, container_type, read_entries
 from defocus_cli.formats.exr_channels import require_part
-from defocus_cli.formats.exr_header import is_exr
 from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_cli.formats.photo_depth import PhotoDepth, is_heic, is_jpeg, read_gdepth, read_heic
 from defocus_cli.formats.png_text import png_text

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.header import is_exr, read_headers
+from defocus_cli.exr.reading import Part, read_parts
 from defocus_cli.formats.color_space import linear_light, unit
-from defocus_cli.formats.exr import Part, read_parts
 from defocus_cli.formats.exr_channels import ChannelGroup, choose_color
-from defocus_cli.formats.exr_header import is_exr, read_headers
 from defocus_cli.formats.float_maps import is_float_map
 from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
 from defocus_cli.system.arrays import IN_MEMORY, Keeping, bands, count_of

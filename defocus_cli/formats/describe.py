@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from defocus_cli.exr.header import is_exr, read_headers
 from defocus_cli.formats.bare_arrays import bare_type, read_bare
 from defocus_cli.formats.containers import container_type, read_entries
-from defocus_cli.formats.exr_header import is_exr, read_headers
 from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_cli.formats.photo_depth import is_heic, read_heic
 from defocus_cli.formats.raster import read_pages

@@ -16,8 +16,8 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.writing import clamped_half, write_exr
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
-from defocus_cli.formats.exr import clamped_half, write_exr
 from defocus_cli.formats.tags import Tag, set_tag
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted

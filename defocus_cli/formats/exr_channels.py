@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from defocus_cli.formats.exr_header import Header
+    from defocus_cli.exr.header import Header
 
 _FLATTEN = "flatten it first, for example with oiiotool --flatten"
 _NEARLY_SQUARE = 1e-3  # allowed relative difference of the sides of a pixel

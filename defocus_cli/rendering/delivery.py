@@ -51,8 +51,8 @@ def write(rendering: Rendering) -> Outcome:
 
 def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
+    from defocus_cli.exr.writing import write_exr
     from defocus_cli.formats.encode import write_image
-    from defocus_cli.formats.exr import write_exr
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
     color, job, warnings = rendering.color, rendering.outcome.job, []

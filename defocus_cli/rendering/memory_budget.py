@@ -133,8 +133,8 @@ def _sizes(job: Job) -> tuple[float, float]:
 
 def _inputs(picture: Picture) -> tuple[int, float, float, int]:
     """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
+    from defocus_cli.exr.header import is_exr
     from defocus_cli.formats.describe import describe
-    from defocus_cli.formats.exr_header import is_exr
     from defocus_cli.system.safe_files import read_head
 
     def pixel_bytes(path: Path) -> tuple[int, float, float, int]:

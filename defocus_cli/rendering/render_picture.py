@@ -150,7 +150,7 @@ class _Images:
         """Copy a rendered region to its place."""
         import numpy as np
 
-        from defocus_cli.formats.exr import clamped_half
+        from defocus_cli.exr.writing import clamped_half
         from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box

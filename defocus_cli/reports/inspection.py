@@ -181,7 +181,7 @@ def _chosen(
     Raises:
         InputError: an EXR does not have the channels that the user has ``named``.
     """
-    from defocus_cli.formats.exr_header import is_exr, read_headers
+    from defocus_cli.exr.header import is_exr, read_headers
     from defocus_cli.formats.raster import choose_page
     from defocus_cli.system.safe_files import read_head
 
@@ -260,7 +260,7 @@ def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
     import numpy as np
 
-    from defocus_cli.formats.exr import read_parts
+    from defocus_cli.exr.reading import read_parts
 
     is_map = any(name in MAPS for part in info.parts for name, _ in part.channels)
     if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too

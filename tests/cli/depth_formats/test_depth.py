@@ -12,8 +12,8 @@ from image_files import box, multi_part, random_planes, save, write_deep, write_
 from defocus_cli.depth_formats.depth import Depth, require_valid
 from defocus_cli.depth_formats.depth import read_depth as read_any
 from defocus_cli.depth_formats.reading import DepthReading
+from defocus_cli.exr.writing import write_exr
 from defocus_cli.formats.color import read_color
-from defocus_cli.formats.exr import write_exr
 from defocus_cli.formats.exr_channels import NoDepthChannel
 from defocus_cli.system.errors import InputError, UsageProblem
 

@@ -21,7 +21,7 @@ from command_line import (
 )
 from image_files import SCANLINE, box, write_window
 
-from defocus_cli.formats.exr_header import Raw, read_headers
+from defocus_cli.exr.header import Raw, read_headers
 from defocus_cli.rendering import memory_budget
 
 DEEP = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}

@@ -20,10 +20,10 @@ from image_files import (
     write_window,
 )
 
+from defocus_cli.exr.header import Raw
+from defocus_cli.exr.writing import write_exr
 from defocus_cli.formats.color import BRIGHTEST, Color, read_color, require_finite
 from defocus_cli.formats.describe import describe
-from defocus_cli.formats.exr import write_exr
-from defocus_cli.formats.exr_header import Raw
 from defocus_cli.system import arrays
 from defocus_cli.system.errors import InputError, UsageProblem
 from defocus_core.engine import statistics

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
+from defocus_cli.exr.windows import Window
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import check_size, read_head
 
@@ -40,33 +41,6 @@ class Raw(NamedTuple):
 
     kind: str
     value: bytes
-
-
-class Window(NamedTuple):
-    """Pixel rectangle of an EXR header, both corners included."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    def __str__(self) -> str:
-        return f"{self.width}x{self.height} at {self.x0},{self.y0}"
-
-    @property
-    def width(self) -> int:
-        """In px."""
-        return self.x1 - self.x0 + 1
-
-    @property
-    def height(self) -> int:
-        """In px."""
-        return self.y1 - self.y0 + 1
-
-    def covers(self, other: Window) -> bool:
-        """Whether every pixel of ``other`` lies in this window."""
-        first = self.x0 <= other.x0 and self.y0 <= other.y0
-        return first and self.x1 >= other.x1 and self.y1 >= other.y1
 
 
 @dataclass(frozen=True)
