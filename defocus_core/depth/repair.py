@@ -16,7 +16,7 @@ from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
-from defocus_core.depth.repair_options import RepairOptions
+from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.depth.soft_edges import (
     STEEP,
     around_ramps,
@@ -27,6 +27,8 @@ from defocus_core.images.derived import Repaired, held, share_changed
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.source import Pixels, banded
 
+# Range of the radii of a frame, in the smallest steps whose edges are as wide as is said.
+_SMALL_STEPS = 3
 _BY_DIAGNOSIS = RepairOptions()
 
 
@@ -82,28 +84,77 @@ def _as_said(repair: DepthRepair, options: RepairOptions, radii: Pixels) -> Dept
         return repair._replace(soft_edges=None, ramps=False, edge_width=None)
     if options.soft_edges is None and options.edge_width is None:
         return repair
-    slope = options.soft_edges
+    slope, width = options.soft_edges, options.edge_width
     if slope is None:
         ends = torch.stack([ends_of(band) for band in banded(radii)])
         least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
         slope = slope_of_soft_edges(least, most, radii.shape)
-    width = repair.edge_width if options.edge_width is None else options.edge_width
+        slope = min(slope, (most - least) / (_SMALL_STEPS * width)) if width else slope
+    width = repair.edge_width if width is None else width
     return repair._replace(antialiased=None, soft_edges=slope, ramps=True, edge_width=width)
 
 
 def diagnose_depth(
-    signed_radius: Pixels, infinity: float | None = None, threads: int = 1
+    signed_radius: Pixels,
+    infinity: float | None = None,
+    threads: int = 1,
+    *,
+    depth_repair: str = "auto",
+    edge_width: float | None = None,
 ) -> DepthRepair:
-    """The repair that a depth map needs before it is rendered.
+    """The repair that a depth map needs before it is rendered, as far as it shows without colours.
 
     Args:
         signed_radius: [H, W] px.
         infinity: As for `render`.
         threads: Number of bands of rows examined at once.
+        depth_repair: As for `render`.
+        edge_width: As for `render`.
+
+    Raises:
+        ValueError: If an option is out of its range.
     """
+    options = repair_options(depth_repair, edge_width)
+    if not options.on:
+        return DepthRepair()
     hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
-        return _diagnosed(signed_radius, infinity, threads, hold=hold)[1]
+        radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+        return _as_said(repair, options, radii)
+
+
+def repair_depth(
+    signed_radius: Pixels,
+    image: Pixels,
+    infinity: float | None = None,
+    threads: int = 1,
+    *,
+    depth_repair: str = "auto",
+    edge_width: float | None = None,
+) -> tuple[Pixels, DepthRepair]:
+    """The signed radii by which `render` renders a picture, and the repair that made them.
+
+    Args:
+        signed_radius: [H, W] px.
+        image: [C, H, W], linear light.
+        infinity: As for `render`.
+        threads: Number of bands of rows computed at once.
+        depth_repair: As for `render`.
+        edge_width: As for `render`.
+
+    Returns:
+        [H, W] px, the given radii themselves if they need no repair; and the repair.
+
+    Raises:
+        ValueError: If an option is out of its range.
+    """
+    options = repair_options(depth_repair, edge_width)
+    if not options.on:
+        return signed_radius, DepthRepair()
+    hold = isinstance(signed_radius, Tensor)
+    return repaired(
+        signed_radius, image, infinity=infinity, threads=threads, hold=hold, options=options
+    )
 
 
 def _diagnosed(
