@@ -10,6 +10,7 @@ from defocus_cli.depth_formats.table import FORMATS, NAMES
 KINDS = ("depth", "disparity")
 GEOMETRIES = ("radial", "planar")
 INVALID = ("error", "far", "fill")
+RESIZES = ("nearest", "guided")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,8 @@ class DepthReading:
         fov: horizontal field of view in degrees.
         sky: numbers from this one on are sky; of disparity, up to this one.
         invalid: error, far (infinitely far) or fill (from the farther neighbour).
-        resize_depth: nearest, where depth of another size than the colour is to be resampled.
+        resize_depth: nearest or guided (by the colours), where depth of another size than the
+            colour is to be resampled.
     """
 
     depth_format: str | None = None

@@ -113,7 +113,8 @@ def inspect_pairs(
     from defocus_cli.reports.pair_evidence import evidence_of_pair
 
     orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
-    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair)]
+    resized = reading.resize_depth is not None
+    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []
     color, depth = (record["file"] for record in pairs[0])
@@ -129,12 +130,13 @@ def inspect_pairs(
     return [{"color": color, "depth": depth, "evidence": list(evidence)}]
 
 
-def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any]) -> bool:
+def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: bool) -> bool:
     """Whether two records, or one twice, are of colour and depth that could be one picture."""
     if color is depth and not color["file"].lower().endswith(".exr"):
         return False
     has_both = color["color"] is not None and depth["depth"] is not None
-    return has_both and "R" in color["color"]["channels"] and color["size"] == depth["size"]
+    fits = resized or color["size"] == depth["size"]
+    return has_both and fits and "R" in color["color"]["channels"]
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
@@ -213,6 +215,7 @@ def _depth(
 
     from defocus_cli.depth_formats.depth import read_depth
     from defocus_cli.rendering import focusing
+    from defocus_cli.rendering.depth_repair import repair_found, repair_record, repair_words
     from defocus_cli.rendering.implausible_depth import implausible_radii
 
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
@@ -227,7 +230,7 @@ def _depth(
         sky, valid = sky + metres.size - finite.size, valid + metres.size
         ends += _ends(metres)
         finite_ends += _ends(finite)
-    coc_px, repair = None, ""
+    coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and ends:
         lens = focusing.focused(lens, depth)
@@ -239,14 +242,15 @@ def _depth(
                 radius, ends_px = focusing.radius_map(lens, depth, keeping)
                 declared = reading.says_scale
                 warnings = implausible_radii(depth, radius, ends_px, lens, declared=declared)
-                repair = focusing.repair_of(lens, radius)
+                repair = repair_found(lens, radius, reading)
     return depth.note, {
         "range_m": [min(finite_ends), max(finite_ends)] if finite_ends else None,
         "sky_pixels": sky,
         "invalid_pixels": height * width - valid,
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
-        "repair": repair,
+        "repair": repair_words(repair),
+        "depth_repair": repair_record(repair),
         "warnings": list(warnings),
     }
 

@@ -57,9 +57,14 @@ class Picture:
         threads, quality = settings.threads, find(settings.quality)
         self.size = signed_radius.shape[0], signed_radius.shape[1]
         self.repair = DepthRepair()
-        if settings.depth_repair == "auto":
+        if settings.repair.on:
             signed_radius, self.repair = repaired(
-                signed_radius, image, infinity=settings.infinity, threads=threads, hold=hold
+                signed_radius,
+                image,
+                infinity=settings.infinity,
+                threads=threads,
+                hold=hold,
+                options=settings.repair,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
         self.at_half_size = quality.half_size and settings.by_scene and _is_blurred(signed_radius)
