@@ -26,13 +26,15 @@ TILES = (16, 1 << 14)  # px; of defocus_core, too
 class Picture:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both.
 
-    `hidden` is a picture of what lies behind the visible surface, where that is known.
+    `hidden` is a picture of what lies behind the visible surface, where that is known; `frame` its
+    number in a shot.
     """
 
     stem: str
     color: Path
     depth: Path
     hidden: Picture | None = None
+    frame: int | None = None
 
     @property
     def files(self) -> dict[str, Path]:

@@ -3,6 +3,8 @@
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
+  [animate]   keys of lens options by frame, see `defocus_cli.jobs.animation`; ``file``, files of
+              keys; ``interpolation``
   [sweep]     lists, grids and ranges of lens options, see `defocus_cli.jobs.sweep`
   [sample]    random lenses, see `defocus_cli.jobs.random_lenses`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
@@ -33,10 +35,11 @@ from defocus_cli.jobs.reading_options import (
     make_reading,
     reading_values,
 )
+from defocus_cli.jobs.shot_lenses import animated, read_animation_table
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_cli.system.errors import UsageProblem
 
-TABLES = ("inputs", "lens", "sweep", "sample", "reading", "outputs", "machine")
+TABLES = ("inputs", "lens", "animate", "sweep", "sample", "reading", "outputs", "machine")
 MOST_JOBS = 10_000_000
 
 
@@ -60,7 +63,9 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
-    entries = read_inputs(named["inputs"])
+    animation = read_animation_table(named["animate"])
+    entries = read_inputs(named["inputs"], animation.frames)
+    entries = animated(entries, animation, plan, named["lens"], reading)
     if len(entries) * plan.count > MOST_JOBS:
         problem = f"asks for {len(entries) * plan.count} pictures"
         raise UsageProblem(path, problem, f"split it into files of at most {MOST_JOBS}")
