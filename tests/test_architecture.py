@@ -22,7 +22,7 @@ CORE_ORDER = (
     *("runtime", "renderer_version"),
 )
 CLI_ORDER = (
-    *("__main__", "main", "pytest_plugin", "commands", "options", "bench", "reports"),
+    *("__main__", "main", "pytest_plugin", "commands", "options", "html", "bench", "reports"),
     *("golden", "batch", "dataset", "journal", "rendering", "compare", "diagnosis"),
     *("jobs", "shots", "depth_formats", "formats", "exr", "system", "__init__"),
 )

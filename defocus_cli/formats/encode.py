@@ -181,12 +181,28 @@ def write_samples(
     Raises:
         InputError: the file cannot be written.
     """
+    with (
+        encoded_samples(path, size, samples, codec, attributes) as memory,
+        written_whole(path) as file,
+        memory.open("rb") as encoded,
+    ):
+        shutil.copyfileobj(encoded, file, _BLOCK)
+
+
+@contextmanager
+def encoded_samples(
+    path: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str | Tag],
+) -> Iterator[Path]:
+    """A file in memory with what `write_samples` writes to ``path``."""
     with _memory(path) as memory:
         if error := _encoder_error(memory, size, iter(samples), codec, attributes):
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
             raise InputError(path, problem, "write EXR instead")
-        with written_whole(path) as file, memory.open("rb") as encoded:
-            shutil.copyfileobj(encoded, file, _BLOCK)
+        yield memory
 
 
 class _Half:
