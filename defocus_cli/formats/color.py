@@ -10,8 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.exr.header import is_exr, read_headers
+from defocus_cli.exr.chroma import rgb_of, weights_of
+from defocus_cli.exr.header import Raw, is_exr, read_headers
 from defocus_cli.exr.reading import Part, read_parts
+from defocus_cli.exr.views import default_warning, in_view
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
 from defocus_cli.formats.color_space import linear_light, unit
 from defocus_cli.formats.exr_channels import ChannelGroup, choose_color
 from defocus_cli.formats.float_maps import is_float_map
@@ -43,7 +46,8 @@ class Color:
         path: the file.
         attributes: metadata for the output to carry: `Raw` of an EXR file, `Tag` of others.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
-        corner: x and y of the first pixel, for an EXR output to be where the input is.
+        corner: x and y of the first pixel shown, for an EXR output to be where the input is.
+        overscan: pixels of the planes and the extras beyond the picture shown.
         note: how the samples were read, in words.
         warnings: what of the file was not applied, in words.
         left_out: parts of the EXR file that no output can carry, in words.
@@ -55,6 +59,7 @@ class Color:
     attributes: Mapping[str, object] = field(default_factory=dict)
     extras: dict[str, Any] = field(default_factory=dict)
     corner: tuple[int, int] = (0, 0)
+    overscan: Overscan = NO_OVERSCAN
     note: str = ""
     warnings: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
@@ -64,6 +69,17 @@ class Color:
         """(height, width, C)."""
         height, width = self.planes[0].shape
         return height, width, len(self.planes)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture shown, in px."""
+        rows, columns = self.overscan.shown(*self.planes[0].shape)
+        return columns.stop - columns.start, rows.stop - rows.start
+
+    @property
+    def alpha(self) -> Any:
+        """The plane of alpha [H, W]; None if there is none."""
+        return self.planes[-1] if self.channels[-1] == "A" else None
 
     @property
     def pixels(self) -> NDArray[np.float32]:
@@ -78,7 +94,9 @@ def read_color(
     *,
     layer: str | None = None,
     part: int | None = None,
+    view: str | None = None,
     keeping: Keeping = IN_MEMORY,
+    overscan: Overscan = NO_OVERSCAN,
 ) -> Color:
     """Decode a colour image.
 
@@ -86,7 +104,9 @@ def read_color(
         path: an EXR, HDR, PNG, JPEG or TIFF file.
         layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
         part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
+        view: which view of an EXR file of several; None for its default one.
         keeping: where the pixels are to be kept.
+        overscan: pixels of an EXR file beyond its display window that are read, too.
 
     Raises:
         InputError: the file cannot be read, or has no colour or several to choose from.
@@ -94,7 +114,7 @@ def read_color(
     """
     head = read_head(path)
     if is_exr(head):
-        return _from_exr(path, layer, part, keeping)
+        return _from_exr(path, layer, part, view, keeping, overscan)
     if path.suffix.lower() == ".exr":
         raise InputError(path, "is not an OpenEXR file", "check what wrote it")
     if is_float_map(head):
@@ -136,39 +156,68 @@ def require_finite(color: Color) -> None:
     raise InputError(color.path, problem, "scale it: light has no unit here")
 
 
-def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
-    headers = read_headers(path)
+def _from_exr(
+    path: Path,
+    layer: str | None,
+    part: int | None,
+    view: str | None,
+    keeping: Keeping,
+    overscan: Overscan,
+) -> Color:
+    every = read_headers(path)
+    headers = in_view(path, every, view)
     chosen = choose_color(path, headers, layer=layer, part=part)
-    parts = read_parts(path, headers, keeping)
-    planes = parts[chosen.header.index].channels
+    parts = read_parts(path, headers, keeping, overscan=overscan)
+    channels, planes = _planes(parts[chosen.header.index], chosen, keeping, overscan)
     extras, left_out = _extras(parts, chosen)
+    attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}
+    if chosen.header.shown:
+        attributes["view"] = Raw("string", chosen.header.shown.encode())
     return Color(
-        planes=_one_type([planes[name] for name in chosen.channels.values()], keeping),
-        channels=tuple(chosen.channels),
+        planes=_one_type(planes, keeping),
+        channels=channels,
         path=path,
-        attributes={k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL},
+        attributes=attributes,
         extras=extras,
         corner=(chosen.header.display.x0, chosen.header.display.y0),
-        note=_exr_note(chosen),
-        warnings=_missing(chosen),
+        overscan=overscan,
+        note=_exr_note(chosen, overscan),
+        warnings=tuple(filter(None, [default_warning(every, view)])),
         left_out=left_out,
     )
 
 
-def _exr_note(chosen: ChannelGroup) -> str:
-    names = chosen.channels.values()
-    kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
-    thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in chosen.header.attributes)
-    notes = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
-    return ", ".join(filter(None, notes))
+def _planes(
+    part: Part, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
+) -> tuple[tuple[str, ...], list[Any]]:
+    """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
+
+    A picture that is smaller than its frame is an element, with nothing around it.
+    """
+    import numpy as np
+
+    header, names = chosen.header, tuple(chosen.channels)
+    planes = [part.channels[name] for name in chosen.channels.values()]
+    if "RY" in names:
+        planes[:3] = rgb_of(planes[0], planes[1:3], weights_of(header))
+        names = ("R", "G", "B", *names[3:])
+    frame = header.display.grown(overscan)
+    if "A" in names or header.data.covers(frame):
+        return names, planes
+    alpha = keeping.new((frame.height, frame.width), planes[0].dtype)
+    rows, columns = frame.cut(header.data)
+    alpha[rows, columns] = np.ones((rows.stop - rows.start, columns.stop - columns.start), "f2")
+    return (*names, "A"), [*planes, alpha]
 
 
-def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
-    """A warning of the part of the frame without pixels, which is black; with alpha it is none."""
-    header = chosen.header
-    if "A" in chosen.channels or header.data.covers(header.display):
-        return ()
-    return (f"black outside its data window {header.data}; render the whole display window",)
+def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
+    header, names = chosen.header, chosen.channels.values()
+    kinds = {channel.type for channel in header.channels if channel.name in names}
+    thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in header.attributes)
+    view = f"view {header.shown}" if header.shown else ""
+    chroma = "luminance and chroma" if "RY" in chosen.channels else ""
+    kind = f"EXR {' and '.join(sorted(kinds))}, linear"
+    return ", ".join(filter(None, (kind, view, chroma, header.cut_note(overscan), thumbnail)))
 
 
 def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
@@ -199,6 +248,12 @@ def _extras(
     left_out = []
     for part in sorted(parts, key=lambda p: p.header.index != chosen.header.index):
         display = part.header.display
+        plain = {channel.name: channel.plain for channel in part.header.channels}
+        if not plain:  # of another view
+            continue
+        lost = [name for name in plain if name not in part.channels and not part.header.deep]
+        if lost:
+            left_out.append(f"{', '.join(lost)}, with fewer samples than pixels, left out")
         if part.header.deep or (display.width, display.height) != size:
             why = "which is deep" if part.header.deep else "which is of another size"
             left_out.append(f"part {part.header.label}, {why}, left out")
@@ -207,8 +262,9 @@ def _extras(
         for name, plane in part.channels.items():
             if is_of_color and name in chosen.channels.values():
                 continue
-            taken = name in extras or name in chosen.channels
-            extras[f"{part.header.label}.{name}" if taken else name] = plane
+            own = plain[name]
+            taken = own in extras or own in chosen.channels
+            extras[f"{part.header.label}.{own}" if taken else own] = plane
     return extras, tuple(left_out)
 
 

@@ -109,6 +109,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
     def rows(self) -> list[Kind]:

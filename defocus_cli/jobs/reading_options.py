@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS
+from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS, UNPREMULTIPLY
 from defocus_cli.depth_formats.table import NAMES, UNITS
 from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.quantities import (
@@ -122,6 +122,8 @@ PARSERS: dict[str, Callable[[str], Any]] = {
     "resize-depth": one_of(("nearest",)),
     "color-layer": str,
     "part": whole,
+    "view": str,
+    "unpremultiply-depth": one_of(UNPREMULTIPLY),
 }
 NAMES_OF_OPTIONS = (*PARSERS, *GEOMETRIES)
 

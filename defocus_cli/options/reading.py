@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.depth_formats.reading import INVALID, KINDS
+from defocus_cli.depth_formats.reading import INVALID, KINDS, UNPREMULTIPLY
 from defocus_cli.depth_formats.table import UNITS
 from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.reading_options import (
@@ -31,8 +31,9 @@ _HELP = {
     "depth-channel": ("NAME", "Depth channel of an EXR, or array of an NPZ or HDF5."),
     "color-layer": ("NAME", "Colour layer of an EXR."),
     "part": ("N", "Part of an EXR, page of a TIFF or frame of an array, from 0."),
+    "view": ("NAME", "View of an EXR of several cameras, like left.  [default: the file's first]"),
 }
-_COLOR_ONLY = ("color-layer", "resize-depth")
+_COLOR_ONLY = ("color-layer", "resize-depth", "unpremultiply-depth")
 
 
 def reading_options(command: Command) -> Command:
@@ -85,6 +86,16 @@ def _named() -> list[tuple[str, Decorator]]:
         ),
         *((name, _parsed(name)) for name in ("depth-channel", "color-layer")),
         ("part", _part()),
+        ("view", _parsed("view")),
+        (
+            "unpremultiply-depth",
+            _choice(
+                "unpremultiply-depth",
+                UNPREMULTIPLY,
+                "Divide depth by alpha: on, off, or auto, if pixels of half alpha show that it was "
+                "multiplied.  [default: auto]",
+            ),
+        ),
     ]
 
 

@@ -144,7 +144,7 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
             parts = (max(parts, key=lambda part: len(part.channels)),)
         kinds = [kind for part in parts for _, kind in part.channels]
         native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
-        return info.width * info.height, native, native if info.at_once else 0.0, len(kinds)
+        return info.pixels, native, native if info.at_once else 0.0, len(kinds)
 
     try:
         pixels, native, color_whole, count = pixel_bytes(picture.color)
