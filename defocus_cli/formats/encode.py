@@ -193,6 +193,13 @@ def write_samples(
             shutil.copyfileobj(encoded, file, _BLOCK)
 
 
+def as_half(plane: Any) -> Any:
+    """An array [H, W] as half, clamped; itself if it is."""
+    import numpy as np
+
+    return plane if plane.dtype == np.float16 else _Half(plane)
+
+
 class _Half:
     """A float32 array [H, W] as half, clamped."""
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.kinds import MAPS
 from defocus_cli.system.errors import InputError
@@ -128,6 +129,40 @@ def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list
     """
     searched = _flat(path, _headers_of_part(path, headers, part))
     return _each(searched)
+
+
+def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str]) -> tuple[str, ...]:
+    """The channels beside the colour that patterns name, in the order of the file.
+
+    A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
+
+    Args:
+        path: the file.
+        extras: its channels beside the colour by name.
+        patterns: names of channels, or patterns like ``diffuse.*``, of any case.
+
+    Raises:
+        InputError: a pattern names no channel of light.
+    """
+    light = [name for name, plane in extras.items() if not _is_data(name, plane)]
+    for pattern in patterns:
+        folded = pattern.casefold()
+        if not any(fnmatchcase(name.casefold(), folded) for name in light):
+            isnt = any(fnmatchcase(name.casefold(), folded) for name in extras)
+            problem = f"has no channel {pattern} of light beside its colour"
+            if isnt:
+                problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
+            known = f"it has {', '.join(light[:40])}" if light else "it has none"
+            raise InputError(path, problem, f"check --blur-channels: {known}")
+    folded_patterns = [pattern.casefold() for pattern in patterns]
+    return tuple(
+        name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
+    )
+
+
+def _is_data(name: str, plane: Any) -> bool:
+    """Whether a channel holds depth, or whole numbers like those of objects."""
+    return plane.dtype.kind in "iu" or _last(name).lower() in ("z", "zback", "depth")
 
 
 def require_part(path: Path, part: int, count: int) -> None:

@@ -96,6 +96,7 @@ class Reading(DepthReading):
     """What to take from the input files, and how to read it."""
 
     color_layer: str | None = None
+    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
 
 
 @dataclass(frozen=True)

@@ -106,6 +106,14 @@ def whole(text: str) -> int:
     return int(text)
 
 
+def words(text: str) -> tuple[str, ...]:
+    """Words separated by commas or blanks, each once."""
+    found = tuple(dict.fromkeys(text.replace(",", " ").split()))
+    if not found:
+        raise QuantityError(f"'{text}' names nothing", "write it like diffuse.*,specular.*")
+    return found
+
+
 PARSERS: dict[str, Callable[[str], Any]] = {
     "depth-format": format_name,
     "depth-unit": one_of(tuple(UNITS)),
@@ -121,6 +129,7 @@ PARSERS: dict[str, Callable[[str], Any]] = {
     "invalid": one_of(INVALID),
     "resize-depth": one_of(("nearest",)),
     "color-layer": str,
+    "blur-channels": words,
     "part": whole,
     "view": str,
     "unpremultiply-depth": one_of(UNPREMULTIPLY),

@@ -30,10 +30,15 @@ _HELP = {
     "sky": ("NUMBER", "Numbers of the depth file from this one on are sky; of disparity, to it."),
     "depth-channel": ("NAME", "Depth channel of an EXR, or array of an NPZ or HDF5."),
     "color-layer": ("NAME", "Colour layer of an EXR."),
+    "blur-channels": (
+        "NAME,…",
+        "Further channels of an EXR that are light, like diffuse.*: blurred with the picture; "
+        "the others are copied.",
+    ),
     "part": ("N", "Part of an EXR, page of a TIFF or frame of an array, from 0."),
     "view": ("NAME", "View of an EXR of several cameras, like left.  [default: the file's first]"),
 }
-_COLOR_ONLY = ("color-layer", "resize-depth", "unpremultiply-depth")
+_COLOR_ONLY = ("color-layer", "blur-channels", "resize-depth", "unpremultiply-depth")
 
 
 def reading_options(command: Command) -> Command:
@@ -84,7 +89,7 @@ def _named() -> list[tuple[str, Decorator]]:
             "resize-depth",
             _choice("resize-depth", ("nearest",), "Take depth of another size than the colour."),
         ),
-        *((name, _parsed(name)) for name in ("depth-channel", "color-layer")),
+        *((name, _parsed(name)) for name in ("depth-channel", "color-layer", "blur-channels")),
         ("part", _part()),
         ("view", _parsed("view")),
         (

@@ -83,7 +83,11 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         if kind.of_radius
         else rendering.images[kind.name]
     )
-    planes, extras, corner, display = _written(rendering, planes)
+    extras: Mapping[str, Any] = {}
+    if kind.image:
+        extras = color.extras | _passes(rendering, planes[len(color.channels) :])
+        planes = planes[: len(color.channels)]
+    planes, extras, corner, display = _written(rendering, planes, extras)
     attributes = _attributes(rendering.outcome, kind)
     if kind.image:
         lost = write_image(
@@ -109,8 +113,17 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     return warnings
 
 
+def _passes(rendering: Rendering, planes: tuple[Any, ...]) -> dict[str, Any]:
+    """The blurred passes by name, of the number type of the picture."""
+    from defocus_cli.formats.encode import as_half
+
+    half = rendering.outcome.job.outputs.exr_type == "half"
+    named = zip(rendering.color.passes, planes, strict=True)
+    return {name: as_half(plane) if half else plane for name, plane in named}
+
+
 def _written(
-    rendering: Rendering, planes: tuple[Any, ...]
+    rendering: Rendering, planes: tuple[Any, ...], extras: Mapping[str, Any]
 ) -> tuple[tuple[Any, ...], Mapping[str, Any], tuple[int, int], Window | None]:
     """Planes and extras without overscan, or with it; x and y of the first pixel; the display."""
     from defocus_cli.exr.windows import Window
@@ -118,13 +131,13 @@ def _written(
     color, outputs = rendering.color, rendering.outcome.job.outputs
     (x, y), overscan = color.corner, color.overscan
     if not any(overscan):
-        return planes, color.extras, color.corner, None
+        return planes, extras, color.corner, None
     if outputs.keep_overscan:
         width, height = color.size
         display = Window(x, y, x + width - 1, y + height - 1)
-        return planes, color.extras, (x - overscan.left, y - overscan.top), display
+        return planes, extras, (x - overscan.left, y - overscan.top), display
     window = overscan.shown(*color.shape[:2])
-    extras = {name: _Shown(plane, window) for name, plane in color.extras.items()}
+    extras = {name: _Shown(plane, window) for name, plane in extras.items()}
     return tuple(_Shown(plane, window) for plane in planes), extras, color.corner, None
 
 

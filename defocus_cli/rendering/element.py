@@ -44,7 +44,7 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
     nothing, count, glowing = keeping.new(alpha.shape, np.bool_), 0, 0
     for rows in bands(alpha.shape):
         clear = np.asarray(alpha[rows]) == 0
-        lit = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes[:-1]])
+        lit = np.logical_or.reduce([plane[rows] != 0 for plane in color.light])
         glow = clear & lit & depth.valid(rows)
         nothing[rows] = clear & ~glow
         count, glowing = count + int(np.count_nonzero(clear)), glowing + int(glow.sum())

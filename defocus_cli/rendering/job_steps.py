@@ -31,6 +31,9 @@ def load_inputs(job: Job) -> Loaded:
         InputError: an input cannot be used.
         UsageProblem: the options make no sense for it.
     """
+    if job.reading.blur_channels and job.outputs.format != "exr":
+        problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
+        raise UsageProblem("--blur-channels", problem, "use --format exr")
     picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
@@ -182,6 +185,7 @@ def read(
         view=reading.view,
         keeping=keeping,
         overscan=overscan,
+        blur_channels=reading.blur_channels,
     )
     depth = read_depth(
         picture.depth,

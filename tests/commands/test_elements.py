@@ -268,3 +268,54 @@ def test_large_elements_are_the_same_through_scratch_files(
     for kind in ("render", "coc"):
         files = [tmp_path / out / kind / "a.exr" for out in ("o", "p")]
         assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def passes(path: Path) -> tuple[Path, dict[str, Any]]:
+    """A near card before a far wall, as the sum of two passes, with data beside them."""
+    rng = np.random.default_rng(3)
+    card = np.zeros(SIZE, bool)
+    card[10:28, 18:40] = True
+    planes: dict[str, Any] = {"Z": np.where(card, np.float32(0.8), np.float32(3))}
+    for name in "RGB":
+        planes[f"diffuse.{name}"] = rng.random(SIZE, np.float32)
+        planes[f"specular.{name}"] = rng.random(SIZE, np.float32) * card
+        planes[name] = planes[f"diffuse.{name}"] + planes[f"specular.{name}"]
+    planes["diffuse.id"] = card.astype(np.uint32)
+    planes["N.X"] = rng.random(SIZE, np.float32)
+    return write(path, planes), planes
+
+
+def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path: Path) -> None:
+    made, planes = passes(tmp_path / "a.exr")
+    seen = picture(made, tmp_path / "o", "--blur-channels", "diffuse.*,Specular.*")
+    assert seen.keys() == planes.keys()
+    for name in "RGB":
+        total = seen[f"diffuse.{name}"] + seen[f"specular.{name}"]
+        np.testing.assert_allclose(total, seen[name], atol=2e-5)
+        assert np.abs(seen[f"diffuse.{name}"] - planes[f"diffuse.{name}"]).mean() > 0.02
+    for name in ("Z", "N.X", "diffuse.id"):
+        np.testing.assert_array_equal(seen[name], planes[name])
+    half = run("render", made, "-o", tmp_path / "h", *LENS, "1m", "--blur-channels", "diffuse.*")
+    assert half.code == 0, half.err
+    halves = read_exr(tmp_path / "h" / "render" / "a.exr")
+    assert halves["diffuse.R"].dtype == np.float16
+    assert halves["specular.R"].tobytes() == planes["specular.R"].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [
+        ("Z", "has Z, which is depth or whole numbers and is never averaged"),
+        ("diffuse.id", "never averaged"),
+        ("glossy.*", "has no channel glossy.* of light"),
+    ],
+)
+def test_what_is_no_light_is_not_blurred(pattern: str, words: str, tmp_path: Path) -> None:
+    made, _ = passes(tmp_path / "a.exr")
+    refused(render(made, tmp_path / "o", "--blur-channels", pattern), 3, words, "it has N.X")
+
+
+def test_passes_need_a_file_that_can_hold_them(tmp_path: Path) -> None:
+    made, _ = passes(tmp_path / "a.exr")
+    arguments = ("-o", tmp_path / "o", *LENS, "1m", "--format", "png", "--blur-channels", "N.X")
+    refused(run("render", made, *arguments), 2, "--blur-channels", "use --format exr")

@@ -42,7 +42,7 @@ def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
 ) -> None:
     flags = {name for param in command.params for name in param.opts}
     of_color = (
-        {"--color-layer", "--resize-depth", "--unpremultiply-depth"}
+        {"--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"}
         if command is depth_command
         else set()
     )
