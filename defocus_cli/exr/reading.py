@@ -1,6 +1,8 @@
-"""OpenEXR pixels, in: native half, float and uint arrays, cropped to the display window.
+"""OpenEXR pixels, in: native half, float and uint arrays of the frame.
 
-Pixels outside the data window are 0. OpenImageIO decodes a strip of rows or tiles at a time.
+The frame is the display window and the overscan that is asked for. Pixels outside the data window
+are 0. OpenImageIO decodes a strip of rows or tiles at a time; files of which a channel has fewer
+samples than the picture has pixels, OpenEXR decodes at once.
 """
 
 from __future__ import annotations
@@ -10,8 +12,9 @@ from dataclasses import dataclass
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.chroma import planes_of
 from defocus_cli.exr.header import Header, read_headers
-from defocus_cli.exr.windows import Window
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
 from defocus_cli.system.errors import InputError, first_line, reason
 from defocus_cli.system.interrupts import put_off
@@ -43,8 +46,8 @@ class Part:
 
     Attributes:
         header: the part's header.
-        channels: name to native array [H, W] of the display window, in memory or in a scratch
-            file; empty for a deep part.
+        channels: name to native array [H, W] of the frame, in memory or in a scratch file; empty
+            for a deep part, and without channels of fewer samples than pixels but chroma.
     """
 
     header: Header
@@ -56,6 +59,7 @@ def read_parts(
     headers: tuple[Header, ...] | None = None,
     keeping: Keeping = IN_MEMORY,
     wanted: Callable[[Header, str], bool] = lambda header, name: True,
+    overscan: Overscan = NO_OVERSCAN,
 ) -> tuple[Part, ...]:
     """All parts of an EXR file, decoded.
 
@@ -64,18 +68,18 @@ def read_parts(
         headers: its headers, if `read_headers` has read them already.
         keeping: where the channels are to be kept.
         wanted: whether a channel of a part is wanted; the others are left out.
+        overscan: the pixels beyond the display window that are wanted, too.
 
     Raises:
-        InputError: the file cannot be read, or not all of it, or it has subsampled channels.
+        InputError: the file cannot be read, or not all of it.
     """
     headers = read_headers(path) if headers is None else headers
-    subsampled = [c.name for header in headers for c in header.channels if c.subsampled]
-    if subsampled:  # OpenImageIO does not open such a file
-        problem = f"has {', '.join(subsampled)} at a lower resolution than its other channels"
-        raise InputError(path, problem, "save it without subsampling")
     try:
         with quiet(), _unlimited():
-            return tuple(_part(path, header, keeping, wanted) for header in headers)
+            if any(header.subsampled for header in headers):  # OpenImageIO does not open it
+                planes = planes_of(path, headers, wanted, overscan)
+                return tuple(Part(*pair) for pair in zip(headers, planes, strict=True))
+            return tuple(_part(path, header, keeping, wanted, overscan) for header in headers)
     except InputError:
         raise
     except Exception as error:  # the libraries raise half a dozen types
@@ -83,19 +87,26 @@ def read_parts(
 
 
 def _part(
-    path: Path, header: Header, keeping: Keeping, wanted: Callable[[Header, str], bool]
+    path: Path,
+    header: Header,
+    keeping: Keeping,
+    wanted: Callable[[Header, str], bool],
+    overscan: Overscan,
 ) -> Part:
     types = {
         channel.name: channel.type
         for channel in header.channels
         if not header.deep and wanted(header, channel.name)
     }
-    size = (header.display.height, header.display.width)
+    frame = header.display.grown(overscan)
+    size = (frame.height, frame.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
     if channels:
         for window, piece in _pieces(path, header, types, keeping):
+            place, shown = frame.cut(window), window.cut(frame)
             for name, pixels in piece.items():
-                _paste(channels[name], pixels, window, header.display)
+                if pixels[shown].size:
+                    channels[name][place] = pixels[shown]
     return Part(header, channels)
 
 
@@ -170,15 +181,6 @@ def _decoded(
         pixels = pixels.reshape(window.height, window.width, len(names))
         piece |= {name: pixels[:, :, index - min(names)] for index, name in names.items()}
     return piece
-
-
-def _paste(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
-    """Put the pixels of the data window where they lie in the display window."""
-    x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
-    y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
-    if x0 < x1 and y0 < y1:
-        shown = pixels[y0 - data.y0 : y1 - data.y0, x0 - data.x0 : x1 - data.x0]
-        whole[y0 - display.y0 : y1 - display.y0, x0 - display.x0 : x1 - display.x0] = shown
 
 
 def _damaged(path: Path, why: str) -> InputError:

@@ -31,6 +31,7 @@ def write_exr(
     channels: Mapping[str, Any],
     attributes: Mapping[str, object],
     corner: tuple[int, int] = (0, 0),
+    display: Window | None = None,
 ) -> None:
     """Write one part whose pixel types are those of the arrays.
 
@@ -42,7 +43,8 @@ def write_exr(
         channels: name to float16, float32 or uint32 array [H, W], which is read in strips of
             rows.
         attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
-        corner: x and y of the first pixel of both windows.
+        corner: x and y of the first pixel.
+        display: the display window; None of all pixels.
 
     Raises:
         InputError: the file cannot be written.
@@ -53,8 +55,10 @@ def write_exr(
     height, width = next(iter(channels.values())).shape
     (x, y), offsets = corner, b""
     whole = Window(x, y, x + width - 1, y + height - 1)
-    box = Raw("box2i", struct.pack("<4i", *whole))
-    windows = {"dataWindow": box, "displayWindow": box}
+    windows = {
+        name: Raw("box2i", struct.pack("<4i", *window))
+        for name, window in (("dataWindow", whole), ("displayWindow", display or whole))
+    }
     with written_whole(path) as file, quiet():
         for strip_attributes, starts, chunks in _encoded_strips(channels, plain, whole):
             if not offsets:

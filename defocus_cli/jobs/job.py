@@ -105,6 +105,7 @@ class Reading(DepthReading):
     color_layer: str | None = None
     depth_repair: str = "auto"
     edge_width: float | None = None
+    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
     def rows(self) -> list[Kind]:

@@ -92,7 +92,9 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(("kinds", "format", "exr-type", "jpeg-quality", "preview"))
+    section.refuse_unknown(
+        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan")
+    )
     name = section.values.get("format")
     if isinstance(name, str):
         aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -103,6 +105,7 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "exr_type": section.choice("exr-type", ("half", "float")),
         "jpeg_quality": section.whole("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
+        "keep_overscan": section.flag("keep-overscan"),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):

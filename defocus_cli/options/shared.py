@@ -103,6 +103,12 @@ def output_options(command: Command) -> Command:
                 is_flag=True,
                 help="Also write OUT/<kind>/<stem>.preview.png to look at.",
             ),
+            option(
+                "--keep-overscan",
+                is_flag=True,
+                help="Write the pixels beyond the display window of an EXR, too; they take part in "
+                "the blur in any case.",
+            ),
             option("--overwrite", is_flag=True, help="Render again and replace what is there."),
         ],
     )(command)

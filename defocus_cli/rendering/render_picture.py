@@ -56,7 +56,7 @@ def rendered(
         stats={**stream.stats, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
+    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:

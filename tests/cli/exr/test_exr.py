@@ -256,15 +256,16 @@ def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
 
 
-def test_a_file_with_subsampled_channels_is_refused(tmp_path: Path) -> None:
+def test_of_subsampled_channels_only_chroma_is_read(tmp_path: Path) -> None:
     path, plane = tmp_path / "a.exr", random_planes("R", (24, 32))["R"]
     OpenEXR.File(dict(SCANLINE), {"R": plane, "mask": OpenEXR.Channel(plane, 2, 2)}).write(
         str(path)
     )
     assert not oiio.ImageInput.open(str(path)), "OpenImageIO reads it: it could be taken"
     oiio.geterror()
-    with pytest.raises(InputError, match=r"has mask at a lower resolution.*without subsampling"):
-        read_parts(path)
+    (part,) = read_parts(path)
+    assert part.channels.keys() == {"R"}
+    np.testing.assert_array_equal(part.channels["R"], plane)
 
 
 def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path: Path) -> None:
