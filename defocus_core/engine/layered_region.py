@@ -61,9 +61,17 @@ class LayeredRegion(Region):
             self._behind = self._blur.sliced(samples, 1, slicing.layers)
         if self._layered.open and self._layered.is_continued:
             self._nothing = self._blur.sliced(self._uncovered(stack), 1, slicing.layers)
-        radius = stack.signed_radius[0]
+        self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
         own, highlights = split_samples(stack.visible(), radius, frame.content.limit)
         return own, radius, highlights
+
+    def _drawn(
+        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
+    ) -> Tensor:
+        """The discs of highlights; what hides a part of a light is in its coverage already."""
+        solid = self._solid
+        places = position(solid, self._frame.slices.radii)
+        return super()._drawn(highlights, solid, places, core)
 
     def _within(self, own: Unmixed, signed_radius: Tensor) -> Samples:
         """The samples that reach the tiles, of the pixels of the rectangle around."""

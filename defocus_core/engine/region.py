@@ -89,10 +89,7 @@ class Region:
             self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
         self._highlights: Tensor | None = None
         if highlights and places is not None:
-            aperture, parts, *_ = frame.division
-            self._highlights = draw(
-                highlights, signed_radius, places, slices.radii, aperture, parts, inmost
-            )
+            self._highlights = self._drawn(highlights, signed_radius, places, inmost)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box
@@ -103,6 +100,13 @@ class Region:
         unmixes = frame.content.edges and frame.quality.unmixes
         own = (unmixed if unmixes else whole)(pixels, signed_radius)
         return own, signed_radius, highlights
+
+    def _drawn(
+        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
+    ) -> Tensor:
+        """The discs of highlights behind surfaces [H, W], for each part of the aperture."""
+        radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
+        return draw(highlights, signed_radius, places, radii, aperture, parts, core)
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
         """For each group the shares of its parts that look into the frame; None if all are 1."""

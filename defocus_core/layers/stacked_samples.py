@@ -27,6 +27,8 @@ _LEAST = 1e-7
 # Samples of one pixel are of one surface if their radii differ by less than half of this step, in
 # px and as a share of the radius, and of two from the whole step on: no layer tells them apart.
 _NEAR, _FAR = 1.0, 0.1
+# Share of a pixel up to which an opaque sample may leave it clear.
+_CLEAR = 0.01
 
 
 class Layered(NamedTuple):
@@ -148,6 +150,11 @@ class Stack(NamedTuple):
     def flattened(self) -> Tensor:
         """The picture in focus [C + 1, h, w]: premultiplied colours, then alpha."""
         return (self.color * self.through[:-1, None]).sum(0)
+
+    def solid(self, farthest: float) -> Tensor:
+        """The radius [h, w] px of the nearest opaque sample; `farthest` where there is none."""
+        opaque = self.color[:, -1] >= 1 - _CLEAR
+        return torch.where(opaque, self.signed_radius, farthest).amin(0)
 
     def visible(self) -> Unmixed:
         """What shows: the nearest sample, and as fringe what shows of those behind it."""
