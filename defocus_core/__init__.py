@@ -32,7 +32,7 @@ from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.random_lens import Lenses, RandomDefocus
-from defocus_core.render import render
+from defocus_core.render import render, render_layers
 from defocus_core.stream import Stream
 
 __all__ = [
@@ -73,6 +73,7 @@ __all__ = [
     "planar_depth",
     "quantisation",
     "render",
+    "render_layers",
     "repair_depth",
     "repair_options",
     "scenery",
