@@ -63,8 +63,7 @@ def render(
         hidden: The surface behind the visible one where it is known, shaped as the image and the
             radius; elsewhere it is continued from farther surfaces.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
-        threads: Tiles computed at once. With more than one, torch itself should use one thread
-            (torch.set_num_threads(1)).
+        threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, or in cells of two px in a draft, 16 at least; another side
             changes results in the last digits.
         infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
