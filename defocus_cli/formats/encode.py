@@ -16,6 +16,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.windows import Layout
 from defocus_cli.exr.writing import clamped_half, write_exr
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.tags import Tag, set_tag
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
-
-    from defocus_cli.exr.windows import Window
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
 _BLOCK = 1 << 20  # bytes copied at once
@@ -52,8 +51,7 @@ def write_image(
     jpeg_quality: int = 95,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
-    corner: tuple[int, int] = (0, 0),
-    display: Window | None = None,
+    layout: Layout | None = None,
     clamped: int = 0,
 ) -> list[str]:
     """Write an image.
@@ -68,8 +66,7 @@ def write_image(
         jpeg_quality: 1 to 100.
         attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
         extras: further EXR channels, written with their own types; other formats drop them.
-        corner: x and y of an EXR's first pixel.
-        display: the display window of an EXR, None of all its pixels.
+        layout: where the pixels of an EXR lie.
         clamped: pixels that had to be clamped to be half.
 
     Returns:
@@ -85,7 +82,7 @@ def write_image(
             clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
         kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
-        write_exr(path, {**(extras or {}), **named}, kept, corner, display)
+        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout())
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:

@@ -14,8 +14,9 @@ from typing import Any
 
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.sidecars import files_beside
-from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
+from defocus_cli.formats.kinds import KINDS, PREVIEW, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
+from defocus_cli.system.errors import UsageProblem
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DEPTH_REPAIRS = ("auto", "off")
@@ -124,11 +125,27 @@ class Outputs:
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
-        suffix = SUFFIXES[self.format]
-        names = {k.name: f"{k.name}/{stem}{suffix if k.image else '.exr'}" for k in self.rows}
+        names = {k.name: f"{k.name}/{stem}{k.suffix(self.format)}" for k in self.rows}
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
+
+
+def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The kinds of output with left and right in one file.
+
+    Args:
+        kinds: as they were asked for.
+        where: option or key that asks for one file, for errors.
+
+    Raises:
+        UsageProblem: left or right is not among them.
+    """
+    row = KINDS["multiview"]
+    if missing := [view for view in row.views if view not in kinds]:
+        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
+        raise UsageProblem(where, problem, "name both, like left,right")
+    return (*(kind for kind in kinds if kind not in row.views), row.name)
 
 
 @dataclass(frozen=True)

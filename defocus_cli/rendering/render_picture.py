@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
@@ -130,7 +131,7 @@ class _Images:
     """The images of a job while they are rendered.
 
     Attributes:
-        planes: each rendered kind's arrays [H, W]: C of an image, one of a map.
+        planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
     """
 
@@ -142,6 +143,7 @@ class _Images:
             if not kind.rendered:
                 continue
             count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
+            count *= len(kind.rendered_as)
             self.planes[kind.name] = tuple(
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
@@ -156,7 +158,9 @@ class _Images:
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = to_array(getattr(part, kind)).reshape(len(planes), height, width)
+            views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
+            pixels = views[0] if len(views) == 1 else np.concatenate(views)
+            pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 if beyond.any():

@@ -129,6 +129,20 @@ class Stack:
         return np.stack([plane[rows] for plane in self.planes], axis=2)
 
 
+class Beside:
+    """Arrays [H, W, C] of one size side by side, read by slices of rows."""
+
+    def __init__(self, arrays: Sequence[Stack]) -> None:
+        self._arrays = arrays
+        height, width, channels = arrays[0].shape
+        self.shape = (height, width * len(arrays), channels)
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        import numpy as np
+
+        return np.concatenate([array[rows] for array in self._arrays], axis=1)
+
+
 class Windows:
     """Arrays [H, W] as a source of `defocus_core`: [C, H, W], or [H, W] of a lone array."""
 

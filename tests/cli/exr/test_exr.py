@@ -17,6 +17,7 @@ from image_files import SCANLINE, box, random_planes, write_deep, write_window
 from defocus_cli.exr import reading, writing
 from defocus_cli.exr.header import read_headers
 from defocus_cli.exr.reading import read_parts
+from defocus_cli.exr.windows import Layout
 from defocus_cli.exr.writing import clamped_half, write_exr
 from defocus_cli.formats.exr_channels import choose_color
 from defocus_cli.system.arrays import Keeping
@@ -303,7 +304,7 @@ def test_strips_make_the_file_that_openexr_writes_at_once(
     planes, corner = mixed_planes((150, 20)), (-3, 5)
     row_bytes = 20 * sum(plane.dtype.itemsize for plane in planes.values())
     monkeypatch.setattr(writing, "_STRIP_BYTES", rows * row_bytes)
-    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, corner)
+    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner))
     window = box(-3, 5, 16, 154)
     told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
     OpenEXR.File(told, planes).write(str(tmp_path / "b.exr"))
