@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import Path
 from typing import TypeVar
 
 from defocus_cli.system.errors import UsageProblem
@@ -122,6 +123,25 @@ def blades(text: str) -> int:
             f"{count} blades are too many", f"give at most {MOST_BLADES}, or 0 (round)"
         )
     return count
+
+
+def within(least: float, most: float, what: str, example: str) -> Callable[[str], float]:
+    """A parser of plain numbers from ``least`` to ``most``."""
+
+    def parse(text: str) -> float:
+        value = float(_number(text, what, example, {"": 1}))
+        if not least <= value <= most:
+            raise QuantityError(f"'{text}' is not {what}", f"give {least:g} to {most:g}, {example}")
+        return value
+
+    return parse
+
+
+def file(text: str) -> Path:
+    """The path of a file."""
+    if not text or "\0" in text:
+        raise QuantityError(f"{text!r} is not the name of a file", "write it like pupil.png")
+    return Path(text)
 
 
 def pixel(text: str) -> tuple[int, int]:
