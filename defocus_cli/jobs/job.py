@@ -81,6 +81,7 @@ class Lens:
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
+    sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
     blade_curvature: float = 0.0
     obstruction: float = 0.0
     spherical: float = 0.0
@@ -91,11 +92,15 @@ class Lens:
     focus_source: str = field(default="", compare=False)
 
     @property
-    def effects(self) -> dict[str, float | str]:
+    def effects(self) -> dict[str, Any]:
         """Its effects that are on, by the names of their fields: what a lens is without blades."""
         values = {name: getattr(self, name) for name in EFFECTS}
-        shown = {k: v.name if isinstance(v, Path) else v for k, v in values.items()}
-        return {k: v for k, v in shown.items() if v != EFFECTS[k]}
+        effects = {name: value for name, value in values.items() if value != EFFECTS[name]}
+        if self.aperture_image is not None:
+            effects["aperture_image"] = self.aperture_image.name
+        if self.sharp_range is not None:
+            effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        return effects
 
     @property
     def is_shape(self) -> bool:
@@ -107,7 +112,11 @@ class Lens:
 EFFECTS = {
     field.name: field.default
     for field in fields(Lens)
-    if field.name in ("blade_curvature", "obstruction", "spherical", "squeeze", "aperture_image")
+    if field.name
+    in (
+        *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
+        *("aperture_image",),
+    )
 }
 
 

@@ -35,6 +35,7 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "sensor-width": (quantities.length, "sensor"),
     "focus": (quantities.focus, "focus"),
     "focus-at": (quantities.pixel, "at"),
+    "sharp-range": (quantities.distances, "sharp"),
     "blades": (quantities.blades, "blades"),
     "blade-rotation": (quantities.angle, "turn"),
     "blade-curvature": (quantities.within(0, 1, "a curvature", "like 0.5"), "curve"),
@@ -55,7 +56,10 @@ OF_BLADES = {"blade-rotation": "turns", "blade-curvature": "bends"}
 _DASHES = "--"
 _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an example of each
 # What decides the radii: nothing where a file holds them. The others are the shape of the opening.
-_OPTICS = ("focal-length", "fnumber", "aperture-diameter", "sensor-width", "focus", "focus-at")
+_OPTICS = (
+    *("focal-length", "fnumber", "aperture-diameter", "sensor-width"),
+    *("focus", "focus-at", "sharp-range"),
+)
 SHAPES = tuple(name for name in _ROWS if name not in _OPTICS)
 
 
@@ -86,6 +90,8 @@ def tag(name: str, value: Any) -> str:
         text = value.stem
     elif isinstance(value, quantities.Percentile):
         text = f"p{value.percent:.6g}"
+    elif name == "sharp-range":
+        text = "-".join(map(length_text, value))
     elif isinstance(value, tuple):
         text = "x".join(map(str, value))
     else:
@@ -153,6 +159,7 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
         foc_dist=focus if percentile is None else None,
         focus_at=values.get("focus-at"),
         sensor_width=values.get("sensor-width", Lens.sensor_width),
+        sharp_range=values.get("sharp-range"),
         focus_percentile=percentile,
         focus_source=source,
         **{field_of(name): values[name] for name in SHAPES if name in values},

@@ -64,6 +64,20 @@ def length(text: str) -> float:
     return _positive(text, "a length", "like 2m or 50mm", _MM)
 
 
+def distances(text: str) -> tuple[float, float]:
+    """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
+
+    They are as they are written: the range holds both.
+    """
+    ends = text.split("..")
+    if len(ends) != 2:
+        raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
+    near, far = length(ends[0]), math.inf if ends[1].strip() == "inf" else length(ends[1])
+    if near > far:
+        raise QuantityError(f"'{text}' ends before it begins", "write the nearer distance first")
+    return near, far
+
+
 def focus(text: str) -> float | Percentile:
     """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
     if text.strip().lower() in ("inf", "infinity"):

@@ -25,6 +25,10 @@ _LENS_HELP = {
         "Distance in focus, like 2m or inf; or percentile(50) of the depth.",
     ),
     "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
+    "sharp-range": (
+        "A..B",
+        "Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged elsewhere.",
+    ),
     "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
     "blade-rotation": (
         "DEG",

@@ -125,3 +125,28 @@ def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path: Path) -> N
     refused(run("aperture", "-o", out), 3, "is there already", "--overwrite")
     assert run("aperture", "-o", tmp_path / "a.png", "--blades", "5").code == 0
     refused(run("aperture", "-o", tmp_path / "a.jpg"), 3, ".png or .exr")
+
+
+def test_a_sharp_range_has_no_blur_and_changes_nothing_outside(tmp_path: Path) -> None:
+    metres = np.tile(np.linspace(1, 4, 64, dtype=np.float32), (4, 1))
+    pixels = np.random.default_rng(1).random((4, 64, 3), np.float32)
+    color, depth = color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "d.exr", metres)
+    options = (color, depth, *LENS, "--outputs", "coc")
+    assert run("render", *options, "-o", tmp_path / "plain").code == 0
+    ran = run("render", *options, "-o", tmp_path / "range", "--sharp-range", "1.8m..2.4m")
+    assert ran.code == 0, ran.err
+    plain, ranged = (read_exr(tmp_path / f"{out}/coc/a.exr")["coc"] for out in ("plain", "range"))
+    within = (metres >= 1.8) & (metres <= 2.4)
+    assert not ranged[within].any()
+    assert plain[within].any()
+    np.testing.assert_array_equal(ranged[~within], plain[~within])
+    attributes = header(tmp_path / "range/coc/a.exr")
+    assert attributes["defocus:sharp_range"] == "1.8m..2.4m"
+
+
+@pytest.mark.parametrize("text", ["2m", "2.4m..1.8m", "1.8..2.4", "..2m"])
+def test_a_sharp_range_that_makes_no_sense_is_refused(
+    light: tuple[Path, Path], tmp_path: Path, text: str
+) -> None:
+    ran = run("render", *light, "-o", tmp_path / "out", *LENS, "--sharp-range", text)
+    refused(ran, 2, "--sharp-range")
