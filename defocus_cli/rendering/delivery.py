@@ -86,6 +86,7 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         **_optics(lens),
         "blades": str(lens.blades),
         "blade_rotation": f"{lens.blade_rotation:.9g}deg",
+        **{name: str(value) for name, value in lens.effects.items()},
         "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
         "quality": outcome.quality,
         "device": outcome.device,

@@ -11,6 +11,7 @@ from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
+from defocus_cli.rendering.opening import aperture_of
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands
@@ -105,7 +106,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
     """
-    from defocus_core import Aperture, Settings, Stream
+    from defocus_core import Settings, Stream
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = Windows(loaded.color.planes, device)
@@ -114,7 +115,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
         image,
         Windows([radius], device, lone=True),
         Settings(
-            aperture=Aperture(lens.blades, lens.blade_rotation),
+            aperture=aperture_of(lens),
             quality=outcome.quality,
             left_right=any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,
