@@ -11,10 +11,10 @@ from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.opening import aperture_of
+from defocus_cli.rendering.opening import aperture_in_pixels
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
 from defocus_cli.system import memory
-from defocus_cli.system.arrays import Windows, bands
+from defocus_cli.system.arrays import Windows, bands, times
 from defocus_cli.system.errors import TooLarge
 from defocus_cli.system.process import set_to_render
 
@@ -110,12 +110,15 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = Windows(loaded.color.planes, device)
-    infinity = None if loaded.depth.is_radius else radius_at_infinity(lens, outcome.size)
+    aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
+    infinity = None
+    if not loaded.depth.is_radius:
+        infinity = longer * radius_at_infinity(lens, outcome.size)
     return Stream(
         image,
-        Windows([radius], device, lone=True),
+        Windows([times(radius, longer)], device, lone=True),
         Settings(
-            aperture=aperture_of(lens),
+            aperture=aperture,
             quality=outcome.quality,
             left_right=any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,
@@ -123,7 +126,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
             infinity=infinity,
             depth_repair=job.machine.depth_repair,
         ),
-        None if loaded.behind is None else _behind(loaded, outcome),
+        None if loaded.behind is None else _behind(loaded, outcome, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
@@ -171,7 +174,7 @@ class _Images:
                 plane[rows, columns] = values
 
 
-def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
+def _behind(loaded: Loaded, outcome: Outcome, longer: float) -> Behind:
     """The hidden layer: it is unknown where depth is inf and colour 0."""
     import numpy as np
 
@@ -188,6 +191,6 @@ def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
     device = outcome.device
     return Behind(
         Windows(color.planes, device),
-        Windows([radius], device, lone=True),
+        Windows([times(radius, longer)], device, lone=True),
         Windows([known], device, lone=True),
     )

@@ -311,14 +311,13 @@ def test_strips_make_the_file_that_openexr_writes_at_once(
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
 
 
-def test_pixels_that_are_not_square_are_refused(tmp_path: Path) -> None:
-    """A lens blurs in circles, and radii are in px of both axes."""
-    for aspect, square in ((1.0, True), (1.0004, True), (2.0, False), (0.9, False)):
+def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path: Path) -> None:
+    for aspect, usual in ((1.0, True), (2.0, True), (11.0, False), (0.05, False)):
         path = tmp_path / f"{aspect}.exr"
         header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
         planes = {name: np.zeros((4, 5), np.float16) for name in "RGB"}
         OpenEXR.File(header, planes).write(str(path))
-        if square:
+        if usual:
             assert choose_color(path, read_headers(path), layer=None, part=None)
             continue
         with pytest.raises(InputError, match=f"{aspect:g} times as wide as high; resample"):
