@@ -10,6 +10,7 @@ from defocus_cli.depth_formats.table import FORMATS, NAMES
 KINDS = ("depth", "disparity")
 GEOMETRIES = ("radial", "planar")
 INVALID = ("error", "far", "fill")
+RESIZES = ("nearest", "guided")
 UNPREMULTIPLY = ("auto", "on", "off")
 
 
@@ -37,7 +38,8 @@ class DepthReading:
         invalid: error, far (infinitely far) or fill (from the farther neighbour).
         unpremultiply_depth: whether the numbers are divided by alpha: on, off, or auto, where edges
             show that they are multiplied by it.
-        resize_depth: nearest, where depth of another size than the colour is to be resampled.
+        resize_depth: nearest or guided (by the colours), where depth of another size than the
+            colour is to be resampled.
     """
 
     depth_format: str | None = None

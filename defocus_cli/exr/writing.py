@@ -114,3 +114,22 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
         beyond = np.abs(values) > largest
         clamped = clamped.clamp(-float(largest), float(largest))
     return clamped.half().numpy(), beyond  # ten times as fast as NumPy
+
+
+def as_half(plane: Any) -> Any:
+    """An array [H, W] as half, clamped; itself if it is."""
+    import numpy as np
+
+    return plane if plane.dtype == np.float16 else _Half(plane)
+
+
+class _Half:
+    """A float32 array [H, W] as half, clamped."""
+
+    def __init__(self, whole: Any) -> None:
+        import numpy as np
+
+        self._whole, self.shape, self.dtype = whole, whole.shape, np.dtype(np.float16)
+
+    def __getitem__(self, rows: slice) -> NDArray[np.float16]:
+        return clamped_half(self._whole[rows])[0]

@@ -14,7 +14,6 @@ import click
 
 from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import (
-    DEPTH_REPAIRS,
     DEVICES,
     QUALITIES,
     TILES,
@@ -156,15 +155,7 @@ def rendering_options(command: Command) -> Command:
         help="Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
         "radius, like 1px.",
     )
-    depth_repair = machine_option(
-        "--depth-repair",
-        type=click.Choice(DEPTH_REPAIRS),
-        default=Machine.depth_repair,
-        show_default=True,
-        help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; "
-        "off takes it as it is given.",
-    )
-    options = [quality, tolerance, depth_repair, *others, *memory_options()]
+    options = [quality, tolerance, *others, *memory_options()]
     return bundle("machine", _machine, options)(command)
 
 

@@ -59,7 +59,7 @@ def _image(
     rendering: Rendering, kind: Kind
 ) -> tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]:
     """Names and arrays of the channels of colour, and further channels: blurred and carried."""
-    from defocus_cli.formats.encode import as_half
+    from defocus_cli.exr.writing import as_half
 
     color, every = rendering.color, rendering.images[kind.name]
     half = rendering.outcome.job.outputs.exr_type == "half"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.quantities import length_text
 from defocus_cli.rendering.contents import contents_of
+from defocus_cli.rendering.depth_repair import repair_attribute
 from defocus_cli.system.arrays import Beside, Stack
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError
@@ -83,6 +84,7 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
+        **_repair(outcome, kind),
         **_optics(lens),
         "blades": str(lens.blades),
         "blade_rotation": f"{lens.blade_rotation:.9g}deg",
@@ -92,6 +94,21 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "device": outcome.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}
+
+
+def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
+    """What was asked of the repair of depth, and what it did; nothing where neither is unusual."""
+    if not kind.rendered:
+        return {}
+    reading = outcome.job.reading
+    asked = [f"--depth-repair {reading.depth_repair}"] * (reading.depth_repair != "auto")
+    if reading.edge_width is not None:
+        asked.append(f"--edge-width {reading.edge_width:g}px")
+    values = {
+        "depth_repair_asked": " ".join(asked),
+        "depth_repair": repair_attribute(outcome.repair),
+    }
+    return {name: value for name, value in values.items() if value}
 
 
 def _optics(lens: Lens) -> dict[str, str]:

@@ -80,25 +80,6 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin_lens(lens, size).radius_at_infinity()
 
 
-def repair_of(lens: Lens, radius: Any, size: tuple[int, int]) -> str:
-    """How a depth would be repaired before it is rendered, in words; empty if it is not.
-
-    Args:
-        lens: the lens, with its focus distance.
-        radius: signed CoC radius in px of all pixels, [H, W].
-        size: (width, height) of the picture shown.
-    """
-    import torch
-
-    from defocus_cli.rendering.outcome import repair_words
-    from defocus_cli.system.arrays import Windows
-    from defocus_core import diagnose_depth
-
-    infinity = radius_at_infinity(lens, size)
-    windows = Windows([radius], "cpu", lone=True)
-    return repair_words(diagnose_depth(windows, infinity, torch.get_num_threads()))
-
-
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
     """The signed CoC radius in px of a whole frame [H, W], float32, and its smallest and largest.
 

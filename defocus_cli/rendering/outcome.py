@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.rendering.depth_repair import repair_words
 from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:
@@ -32,11 +32,11 @@ class Outcome:
     render_cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
-    repair_note: str = ""  # how it was repaired before it was rendered
+    repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
 
     def depth_words(self, *, rendered: bool = True) -> str:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
-        repair_note = self.repair_note if rendered else ""
+        repair_note = repair_words(self.repair) if rendered else ""
         return "; ".join(filter(None, (self.depth_note, repair_note)))
 
 
@@ -75,21 +75,3 @@ class Rendering:
     images: Mapping[str, tuple[Any, ...]]
     clamped: Mapping[str, int]
     nothing: Any = None
-
-
-def repair_words(repair: DepthRepair) -> str:
-    """How the depth was repaired before it was rendered; empty if it was not."""
-    done = []
-    if repair.noise is not None:
-        done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
-    if repair.antialiased is not None:
-        of = "disparity" if math.isinf(repair.antialiased) else "distance"
-        done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    if repair.soft_edges:
-        done.append("its soft edges made steps")
-    if repair.edge_shifts is not None:
-        shift = repair.edge_shifts.median
-        done.append(f"its edges moved to those of the colours, {shift:+.1f} px in the median")
-    if repair.quantised:
-        done.append("of few levels, smoothed between them")
-    return "; ".join(done)

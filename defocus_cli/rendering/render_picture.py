@@ -12,7 +12,7 @@ from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.opening import aperture_in_pixels
-from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
+from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands, times
 from defocus_cli.system.errors import TooLarge
@@ -52,7 +52,7 @@ def rendered(
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     outcome = replace(
         outcome,
-        repair_note=repair_words(stream.repair),
+        repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
@@ -124,7 +124,8 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
             threads=job.machine.threads,
             tile=job.machine.tile,
             infinity=infinity,
-            depth_repair=job.machine.depth_repair,
+            depth_repair=job.reading.depth_repair,
+            edge_width=job.reading.edge_width,
         ),
         None if loaded.behind is None else _behind(loaded, outcome, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),

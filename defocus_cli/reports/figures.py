@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
+    from defocus_core import DepthRepair
 
 
 def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overscan) -> Color:
@@ -74,6 +75,7 @@ def depth_figures(
     import numpy as np
 
     from defocus_cli.rendering import focusing
+    from defocus_cli.rendering.depth_repair import repair_record, repair_words
 
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
@@ -91,7 +93,7 @@ def depth_figures(
         ends += ends_of(metres)
         finite_ends += ends_of(finite)
     invalid = height * width - valid - nothing
-    coc_px, repair = None, ""
+    coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and ends:
         lens = focusing.focused(lens, depth)
@@ -107,7 +109,8 @@ def depth_figures(
         "nothing_pixels": nothing,
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
-        "repair": repair,
+        "repair": repair_words(repair),
+        "depth_repair": repair_record(repair),
         "warnings": list(warnings),
     }
 
@@ -136,17 +139,18 @@ def _read(
 
 def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
-) -> tuple[str, tuple[str, ...]]:
+) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
     from defocus_cli.rendering import focusing
+    from defocus_cli.rendering.depth_repair import repair_found
     from defocus_cli.rendering.implausible_depth import implausible_radii
 
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radius, ends = focusing.radius_map(lens, depth, keeping)
         declared = reading.says_scale
         warnings = implausible_radii(depth, radius, ends, lens, declared=declared)
-        return focusing.repair_of(lens, radius, depth.size), warnings
-    return "", ()
+        return repair_found(lens, radius, depth.size, reading), warnings
+    return None, ()
 
 
 def ends_of(values: NDArray[Any]) -> list[float]:

@@ -131,7 +131,8 @@ def inspect_pairs(
     from defocus_cli.reports.pair_evidence import evidence_of_pair
 
     orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
-    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair)]
+    resized = reading.resize_depth is not None
+    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []
     color, depth = (record["file"] for record in pairs[0])
@@ -147,12 +148,13 @@ def inspect_pairs(
     return [{"color": color, "depth": depth, "evidence": list(evidence)}]
 
 
-def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any]) -> bool:
+def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: bool) -> bool:
     """Whether two records, or one twice, are of colour and depth that could be one picture."""
     if color is depth and not color["file"].lower().endswith(".exr"):
         return False
     has_both = color["color"] is not None and depth["depth"] is not None
-    return has_both and "R" in color["color"]["channels"] and color["size"] == depth["size"]
+    fits = resized or color["size"] == depth["size"]
+    return has_both and fits and "R" in color["color"]["channels"]
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:

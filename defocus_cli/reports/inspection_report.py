@@ -61,11 +61,13 @@ def _layout(part: Mapping[str, Any]) -> str:
 
 def pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
     """What is wrong between colour and depth, from a record of ``inspect_pairs``."""
-    if not pair["evidence"]:
+    if not pair["evidence"] and "preview" not in pair:
         return
     yield " and ".join(dict.fromkeys((pair["color"], pair["depth"]))) + ":"
     for sentence in pair["evidence"]:
         yield f"  {sentence}"
+    if "preview" in pair:
+        yield f"  repair of the depth: {pair['repair'] or 'none'} -> {pair['preview']}"
 
 
 def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:

@@ -15,6 +15,7 @@ from torch import Tensor
 from defocus_core.images.order_statistics import Ranks
 from defocus_core.images.sparse_masks import exceeding, places_of
 from defocus_core.images.tiling import BLOCK
+from defocus_core.layers.matting import Unmixed
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
@@ -74,3 +75,32 @@ def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, 
     rows, columns = at.unbind(-1)
     rest = torch.where(bright, 0.0, pixels)
     return rest, Highlights(at, pixels[:, rows, columns].T, signed_radius[rows, columns])
+
+
+def split_samples(
+    own: Unmixed, signed_radius: Tensor, limit: float
+) -> tuple[Unmixed, Highlights | None]:
+    """Separate highlights from samples; their alpha, the last channel, stays.
+
+    Args:
+        own: [C + 1, H, W] colours and alpha, with their coverage and fringe.
+        signed_radius: [H, W] px of the samples that are no fringe.
+        limit: The `threshold` of the frame.
+    """
+    shown = own.color[:-1] if own.coverage is None else own.color[:-1] * own.coverage
+    bright = shown.detach().amax(0) > limit
+    bright_fringe = own.fringe.layer[:, :-2].detach().amax(1) > limit
+    if not bool(bright.any() | bright_fringe.any()):
+        return own, None
+    at, number = places_of(bright), torch.nonzero(bright_fringe)[:, 0]
+    rows, columns = at.unbind(-1)
+    light = torch.cat([shown[:, rows, columns].T, own.fringe.layer[number, :-2]])
+    found = Highlights(
+        torch.cat([at, own.fringe.at[number]]),
+        torch.cat([light, torch.zeros_like(light[:, :1])], 1),
+        torch.cat([signed_radius[rows, columns], own.fringe.signed_radius[number]]),
+    )
+    color = torch.cat([torch.where(bright, 0.0, own.color[:-1]), own.color[-1:]])
+    layer = own.fringe.layer
+    layer = torch.cat([torch.where(bright_fringe[:, None], 0.0, layer[:, :-2]), layer[:, -2:]], 1)
+    return own._replace(color=color, fringe=own.fringe._replace(layer=layer)), found

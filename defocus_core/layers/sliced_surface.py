@@ -15,7 +15,8 @@ from defocus_core.images.tiling import BLOCK, Grid
 from defocus_core.layers.block_index import blocks_at, blocks_of, visible_slices
 from defocus_core.layers.extents import Patch, patches
 from defocus_core.layers.fringe_samples import FringeSamples
-from defocus_core.layers.ladder import membership
+from defocus_core.layers.ladder import membership, position
+from defocus_core.layers.matting import Unmixed
 from defocus_core.layers.planar_slices import Planes
 from defocus_core.layers.subpixel_shifts import Shifts
 
@@ -46,6 +47,31 @@ class Samples(NamedTuple):
     extra_places: Tensor
     slopes: Tensor | None
     shifts: Shifts | None
+
+    @classmethod
+    def within(
+        cls,
+        box: Box,
+        pixels: Unmixed,
+        places: Tensor,
+        radii: tuple[float, ...],
+        slopes: Tensor | None = None,
+        shifts: Shifts | None = None,
+    ) -> Samples:
+        """The samples of pixels [C, H, W] in a box, whose places on the ladder are [h, w]."""
+        coverage, fringe = pixels.coverage, pixels.fringe
+        at = fringe.at - fringe.at.new_tensor(box[:2])
+        inside = (at >= 0).all(1) & (at[:, 0] < box.height) & (at[:, 1] < box.width)
+        return cls(
+            box.of(pixels.color),
+            None if coverage is None else box.of(coverage),
+            places,
+            at[inside],
+            fringe.layer[inside],
+            position(fringe.signed_radius[inside], radii),
+            slopes,
+            shifts,
+        )
 
 
 class Surface:

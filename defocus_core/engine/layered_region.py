@@ -1,0 +1,106 @@
+"""A region of layers with coverage: visible and hidden samples, and what is continued behind."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from defocus_core.blur.layer_blur import Sliced
+from defocus_core.compositing.aperture_views import Fronts
+from defocus_core.compositing.highlights import Highlights, split_samples
+from defocus_core.engine.frame import Frame
+from defocus_core.engine.hidden_fill import Filling
+from defocus_core.engine.layer_order import add_in_order
+from defocus_core.engine.region import Region
+from defocus_core.images.box import Box
+from defocus_core.images.source import Pixels
+from defocus_core.images.tiling import Grid
+from defocus_core.inpainting.frame_pyramid import Backdrop
+from defocus_core.layers.ladder import position
+from defocus_core.layers.matting import Unmixed, whole
+from defocus_core.layers.sliced_surface import Samples
+from defocus_core.layers.stacked_samples import Layered, Stack
+
+
+class LayeredRegion(Region):
+    """A rectangle of tiles of layers with coverage, and everything that they share."""
+
+    def __init__(
+        self,
+        frame: Frame,
+        grid: Grid,
+        pixels: Pixels,
+        signed_radius: Pixels,
+        layered: Layered,
+        backdrop: Backdrop | None,
+    ) -> None:
+        """Find the samples of a region, and prepare their blur.
+
+        Args:
+            frame: The frame that the region is a part of.
+            grid: The tiles of the region.
+            pixels: [C + 1, H, W] of the frame, the layers in focus with alpha.
+            signed_radius: [H, W] px of the frame, of the nearest samples.
+            layered: The layers.
+            backdrop: The frame at low resolution; None if nothing in it is continued.
+        """
+        self._layered = layered
+        self._behind: Sliced | None = None
+        self._nothing: Sliced | None = None
+        super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
+
+    def _surfaces(
+        self, pixels: Tensor, signed_radius: Tensor, outer: Box
+    ) -> tuple[Unmixed, Tensor, Highlights | None]:
+        """The visible samples in the rectangle `outer`; plans the hidden ones."""
+        frame, slicing = self._frame, self._frame.slices.visible
+        stack = self._layered.stack(outer, frame.dtype)
+        hidden = stack.hidden()
+        if hidden is not None:
+            samples = self._within(hidden, stack.signed_radius[0])
+            self._behind = self._blur.sliced(samples, 1, slicing.layers)
+        if self._layered.open and self._layered.is_continued:
+            self._nothing = self._blur.sliced(self._uncovered(stack), 1, slicing.layers)
+        self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
+        own, highlights = split_samples(stack.visible(), radius, frame.content.limit)
+        return own, radius, highlights
+
+    def _drawn(
+        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
+    ) -> Tensor:
+        """The discs of highlights; what hides a part of a light is in its coverage already."""
+        solid = self._solid
+        places = position(solid, self._frame.slices.radii)
+        return super()._drawn(highlights, solid, places, core)
+
+    def _within(self, own: Unmixed, signed_radius: Tensor) -> Samples:
+        """The samples that reach the tiles, of the pixels of the rectangle around."""
+        radii = self._frame.slices.radii
+        return Samples.within(
+            self._inside, own, position(self._inside.of(signed_radius), radii), radii
+        )
+
+    def _uncovered(self, stack: Stack) -> Samples:
+        """What no sample covers, as a surface without colours."""
+        rest = stack.through[-1:]
+        blank = whole(rest[:0], rest[0])._replace(coverage=rest)
+        return self._within(blank, torch.full_like(rest[0], self._layered.ends[1]))
+
+    def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
+        """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
+        fronts, reaching = self._blank(index), self._reaching(index)
+        visible = self._blur.over_tile(self._visible, index)
+        if self._nothing is not None:
+            fronts.reserve(self._blur.over_tile(self._nothing, index))
+        if self._behind is None:
+            turns = self._frame.slices.turns
+            needed = add_in_order(fronts, visible, reaching, turns, index)
+        else:
+            hidden = self._blur.over_tile(self._behind, index)
+            fronts.add_known(visible, hidden, closed=not self._layered.open)
+            needed = [] if fronts.are_full(known=False) else reaching
+            for surface in needed:
+                fronts.fill(surface.over_tile(index).whole(), known=surface.known)
+        if self._layered.open:
+            fronts.leave_open()
+        return fronts, needed
