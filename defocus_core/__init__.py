@@ -31,6 +31,7 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render, render_layers
 from defocus_core.stream import Stream
@@ -52,6 +53,7 @@ __all__ = [
     "HiddenLayer",
     "Lenses",
     "Pixels",
+    "PupilImage",
     "RandomDefocus",
     "Scenery",
     "Setting",

@@ -20,10 +20,9 @@ from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.views import Views, batch
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.thin_lens import bad_depth
 from defocus_core.render import render
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import depth_maps, described, number, positive
+from defocus_core.runtime.validation import bad_depth, depth_maps, described, number, positive
 
 Option = float | Distribution
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))

@@ -26,7 +26,7 @@ from typing import Any
 
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
-from defocus_cli.jobs.job import QUALITIES, Job, Machine, Outputs, Reading
+from defocus_cli.jobs.job import QUALITIES, Job, Machine, Outputs, Reading, in_one_file
 from defocus_cli.jobs.lens_plan import read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
@@ -93,7 +93,7 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
     section.refuse_unknown(
-        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan")
+        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan")
     )
     name = section.values.get("format")
     if isinstance(name, str):
@@ -108,6 +108,9 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "keep_overscan": section.flag("keep-overscan"),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
+    if section.flag("multiview"):
+        kinds = in_one_file(outputs.kinds, section.place("multiview"))
+        outputs = dataclasses.replace(outputs, kinds=kinds)
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"

@@ -159,6 +159,7 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
             lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64
         )
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+        thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
         option = f"{lens.focus_source}focus"
         raise UsageProblem(option, reason(error), "check the lens options") from error

@@ -196,6 +196,10 @@ def read(
         overscan=overscan,
         alpha=color.alpha,
     )
+    radial = (reading.geometry or reading.row.geometry) == "radial"
+    if radial and color.pixel_aspect != 1:
+        problem = "holds distances to the point, and the pixels of the colour are not square"
+        raise InputError(picture.depth, problem, "convert it to depth along the axis")
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(picture.color, problem, "give the depth file as a second argument")

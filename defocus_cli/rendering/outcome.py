@@ -63,7 +63,8 @@ class Rendering:
         outcome: lens, notes, time and warnings of the job.
         color: the colour input, whose metadata and further channels are written too.
         radius: signed CoC radius in px, [H, W].
-        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
+        images: each rendered kind's arrays [H, W]: C of each view
+            of an image, in linear light; one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
         nothing: where an element holds nothing, bool [H, W]; None if nowhere.
     """

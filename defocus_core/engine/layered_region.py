@@ -13,9 +13,12 @@ from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
 from defocus_core.engine.region import Region
 from defocus_core.images.box import Box
+from defocus_core.images.pyramid import axes
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid
 from defocus_core.inpainting.frame_pyramid import Backdrop
+from defocus_core.inpainting.hidden_layers import HiddenLayer, hidden_layer
+from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, whole
 from defocus_core.layers.sliced_surface import Samples
@@ -55,7 +58,7 @@ class LayeredRegion(Region):
         """The visible samples in the rectangle `outer`; plans the hidden ones."""
         frame, slicing = self._frame, self._frame.slices.visible
         stack = self._layered.stack(outer, frame.dtype)
-        hidden = stack.hidden()
+        hidden, self._is_known = stack.hidden(), stack.knows_behind()
         if hidden is not None:
             samples = self._within(hidden, stack.signed_radius[0])
             self._behind = self._blur.sliced(samples, 1, slicing.layers)
@@ -85,6 +88,26 @@ class LayeredRegion(Region):
         rest = stack.through[-1:]
         blank = whole(rest[:0], rest[0])._replace(coverage=rest)
         return self._within(blank, torch.full_like(rest[0], self._layered.ends[1]))
+
+    def _fillings(
+        self,
+        color: Tensor,
+        signed_radius: Tensor,
+        behind: Behind | None,
+        backdrop: Backdrop,
+        outer: Box,
+    ) -> list[Filling]:
+        """What is continued: surfaces behind pixels of which no sample tells what is behind."""
+        frame, inner, inside = self._frame, self._inner, self._inside
+        halvings = frame.slices.invented.halvings
+        invented = hidden_layer(color, signed_radius, backdrop, outer, inside, halvings=halvings)
+        if invented is not None and self._is_known is not None:
+            everywhere = torch.full_like(signed_radius, torch.inf)
+            known = HiddenLayer(*map(inside.of, (color, everywhere, self._is_known)))
+            _, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
+        if invented is None or not bool(invented.mask.any()):
+            return []
+        return [Filling(frame, self._grid, inner, invented, known=False)]
 
     def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""

@@ -156,6 +156,12 @@ class Stack(NamedTuple):
         opaque = self.color[:, -1] >= 1 - _CLEAR
         return torch.where(opaque, self.signed_radius, farthest).amin(0)
 
+    def knows_behind(self) -> Tensor | None:
+        """Where samples behind the nearest one are opaque together: [h, w] bool."""
+        if len(self.color) == 1:
+            return None
+        return torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
+
     def visible(self) -> Unmixed:
         """What shows: the nearest sample, and as fringe what shows of those behind it."""
         return self._weighted(self.through[:-1])
