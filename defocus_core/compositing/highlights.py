@@ -78,31 +78,33 @@ def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, 
 
 
 def split_samples(
-    samples: Sampled, signed_radius: Tensor, limit: float
+    samples: Sampled, channels: int, signed_radius: Tensor, limit: float
 ) -> tuple[Sampled, Highlights | None]:
-    """Separate highlights from samples; their alpha, the last channel of colours, stays.
+    """Separate highlights from samples; their alpha stays, and the light has none.
 
     Args:
-        samples: Of colours [C + 1, H, W].
+        samples: Of colours [C, H, W], or of colours and alpha.
+        channels: C.
         signed_radius: [H, W] px of the nearest samples.
         limit: The `threshold` of the frame.
     """
     own, others = samples
-    shown = own.color[:-1] if own.coverage is None else own.color[:-1] * own.coverage
+    shown = own.color[:channels]
+    shown = shown if own.coverage is None else shown * own.coverage
     layer = own.fringe.layer
     bright = [shown.detach().amax(0) > limit]
-    bright += [sheet.detach()[:-2].amax(0) > limit for sheet, _ in others]
-    listed = layer.detach()[:, :-2].amax(1) > limit
+    bright += [sheet.detach()[:channels].amax(0) > limit for sheet, _ in others]
+    listed = layer.detach()[:, :channels].amax(1) > limit
     if not bool(listed.any()) and not any(bool(each.any()) for each in bright):
         return samples, None
-    dark = torch.cat([torch.where(bright[0], 0.0, own.color[:-1]), own.color[-1:]])
-    rest = torch.cat([torch.where(listed[:, None], 0.0, layer[:, :-2]), layer[:, -2:]], 1)
+    dark = _darkened(own.color, channels, bright[0], 0)
+    rest = _darkened(layer, channels, listed[:, None], 1)
     sheets = [
-        (torch.cat([torch.where(where, 0.0, sheet[:-2]), sheet[-2:]]), radius)
+        (_darkened(sheet, channels, where, 0), radius)
         for where, (sheet, radius) in zip(bright[1:], others, strict=True)
     ]
-    drawn = [(own.fringe.at[listed], layer[listed, :-2], own.fringe.signed_radius[listed])]
-    colors = [(shown, signed_radius), *((sheet[:-2], radius) for sheet, radius in others)]
+    drawn = [(own.fringe.at[listed], layer[listed, :channels], own.fringe.signed_radius[listed])]
+    colors = [(shown, signed_radius), *((sheet[:channels], radius) for sheet, radius in others)]
     for where, (color, radius) in zip(bright, colors, strict=True):
         at = places_of(where)
         row, column = at.unbind(1)
@@ -111,3 +113,9 @@ def split_samples(
     light = torch.cat([light, torch.zeros_like(light[:, :1])], 1)
     own = own._replace(color=dark, fringe=own.fringe._replace(layer=rest))
     return Sampled(own, sheets), Highlights(at, light, radius)
+
+
+def _darkened(colors: Tensor, channels: int, where: Tensor, dim: int) -> Tensor:
+    """Colours whose first channels along a dimension are 0 where a mask holds."""
+    light, rest = colors.tensor_split([channels], dim)
+    return torch.cat([torch.where(where, 0.0, light), rest], dim)

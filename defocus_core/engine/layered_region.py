@@ -65,7 +65,9 @@ class LayeredRegion(Region):
         if self._layered.open and self._layered.is_continued:
             self._nothing = self._blur.sliced(self._uncovered(stack), 1, slicing.layers)
         self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
-        samples, highlights = split_samples(stack.visible(), radius, frame.content.limit)
+        samples, highlights = split_samples(
+            stack.visible(), len(pixels) - 1, radius, frame.content.limit
+        )
         self._others = samples.others
         return samples.own, radius, highlights
 
@@ -121,9 +123,11 @@ class LayeredRegion(Region):
         else:
             hidden = self._blur.over_tile(self._behind, index)
             fronts.add_known(visible, hidden, closed=not self._layered.open)
-            needed = [] if fronts.are_full(known=False) else reaching
+            needed = [] if fronts.are_nearly_full() else reaching
             for surface in needed:
                 fronts.fill(surface.over_tile(index).whole(), known=surface.known)
+        if not self._layered.blurs_alpha:
+            fronts.add_alpha()
         if self._layered.open:
             fronts.leave_open()
         return fronts, needed

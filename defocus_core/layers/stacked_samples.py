@@ -100,6 +100,14 @@ class Layered(NamedTuple):
         """The picture in focus [C, H, W]: premultiplied colours, and alpha if asked for."""
         return self._held(_Flattened(self, alpha=alpha))
 
+    @property
+    def blurs_alpha(self) -> bool:
+        """Whether alpha is a channel of the colours that are blurred: else it is the coverage.
+
+        Of one layer, for what is continued behind its edges may be nothing.
+        """
+        return self.number == 1
+
     def nearest(self) -> Pixels:
         """The radius [H, W] px of the nearest sample of each pixel."""
         return self._held(_RadiiOf(self, most_blurred=False))
@@ -133,7 +141,8 @@ class Layered(NamedTuple):
         most = max(1, int(there.sum(0).amax()))
         color, radius = color[:most], radius[:most]
         left = torch.cumprod(1 - color[:, -1], 0)
-        return Stack(color, radius, torch.cat([torch.ones_like(left[:1]), left]))
+        through = torch.cat([torch.ones_like(left[:1]), left])
+        return Stack(color, radius, through, self.blurs_alpha)
 
 
 class Stack(NamedTuple):
@@ -144,11 +153,13 @@ class Stack(NamedTuple):
         signed_radius: [L, h, w] px; that of nothing where no sample is.
         through: [L + 1, h, w], the share of each pixel that all nearer samples leave; last the
             share that none covers.
+        with_alpha: Whether the colours of samples have a last channel of 1, their alpha.
     """
 
     color: Tensor
     signed_radius: Tensor
     through: Tensor
+    with_alpha: bool
 
     def flattened(self) -> Tensor:
         """The picture in focus [C + 1, h, w]: premultiplied colours, then alpha."""
@@ -189,10 +200,11 @@ class Stack(NamedTuple):
         return (own - self.through[k]).clamp(min=0)
 
     def _weighted(self, weights: Tensor) -> Sampled:
-        """The samples times weights [L, h, w]; alpha, the last channel of colours, is 1."""
+        """The samples times weights [L, h, w]."""
         coverage = self.color[:, -1] * weights
         first = self.color[0, -1:]
-        color = self.color[0] / torch.where(first > 0, first, 1.0)
+        color = self.color[0] if self.with_alpha else self.color[0, :-1]
+        color = color / torch.where(first > 0, first, 1.0)
         nothing = torch.zeros_like(coverage[0])
         parts, others = [_fringe(self._layer(0, weights), nothing, self.signed_radius[0])], []
         for k in range(1, len(weights)):
@@ -206,9 +218,9 @@ class Stack(NamedTuple):
         return Sampled(Unmixed(color, None if whole else coverage[:1], fringe), others)
 
     def _layer(self, k: int, weights: Tensor) -> Tensor:
-        """Sample k times its weight, as the last channel its coverage: [C + 2, h, w]."""
+        """Sample k times its weight: its color, and last its coverage."""
         layer = self.color[k] * weights[k]
-        return torch.cat([layer, layer[-1:]])
+        return torch.cat([layer, layer[-1:]]) if self.with_alpha else layer
 
 
 class Sampled(NamedTuple):
