@@ -11,7 +11,8 @@ from defocus_core.depth.conversion import (
     planar_depth,
 )
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
+from defocus_core.depth.repair import diagnose_depth, repair_depth
+from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.engine.settings import Settings
 from defocus_core.evaluation import baselines, metrics
@@ -73,6 +74,8 @@ __all__ = [
     "quantisation",
     "render",
     "render_layers",
+    "repair_depth",
+    "repair_options",
     "scenery",
     "verify",
 ]

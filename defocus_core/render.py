@@ -36,6 +36,7 @@ def render(
     tile: int | None = None,
     infinity: float | None = None,
     depth_repair: str = "auto",
+    edge_width: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -70,7 +71,11 @@ def render(
             distinguishes averages of distance from averages of disparity. None takes all for
             averages of disparity.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
-            "off" leaves it as it is.
+            "off" leaves it as it is. "soft-edges=0.3" says that edges are soft: ramps of 0.3 px of
+            radius per px and more, up to 16 px wide, become steps where the colours change, and
+            all else is found as by "auto"; from 0 on, each ramp is an edge.
+        edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
+            that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -91,6 +96,7 @@ def render(
         tile=tile,
         infinity=infinity,
         depth_repair=depth_repair,
+        edge_width=edge_width,
     )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)

@@ -16,8 +16,8 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.writing import clamped_half, write_exr
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
-from defocus_cli.formats.exr import clamped_half, write_exr
 from defocus_cli.formats.tags import Tag, set_tag
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
+
+    from defocus_cli.exr.windows import Window
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
 _BLOCK = 1 << 20  # bytes copied at once
@@ -51,6 +53,7 @@ def write_image(
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
     corner: tuple[int, int] = (0, 0),
+    display: Window | None = None,
     clamped: int = 0,
 ) -> list[str]:
     """Write an image.
@@ -66,6 +69,7 @@ def write_image(
         attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
         extras: further EXR channels, written with their own types; other formats drop them.
         corner: x and y of an EXR's first pixel.
+        display: the display window of an EXR, None of all its pixels.
         clamped: pixels that had to be clamped to be half.
 
     Returns:
@@ -81,7 +85,7 @@ def write_image(
             clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
         kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
-        write_exr(path, {**(extras or {}), **named}, kept, corner)
+        write_exr(path, {**(extras or {}), **named}, kept, corner, display)
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
@@ -181,12 +185,35 @@ def write_samples(
     Raises:
         InputError: the file cannot be written.
     """
+    with (
+        encoded_samples(path, size, samples, codec, attributes) as memory,
+        written_whole(path) as file,
+        memory.open("rb") as encoded,
+    ):
+        shutil.copyfileobj(encoded, file, _BLOCK)
+
+
+@contextmanager
+def encoded_samples(
+    path: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str | Tag],
+) -> Iterator[Path]:
+    """A file in memory with what `write_samples` writes to ``path``."""
     with _memory(path) as memory:
         if error := _encoder_error(memory, size, iter(samples), codec, attributes):
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
             raise InputError(path, problem, "write EXR instead")
-        with written_whole(path) as file, memory.open("rb") as encoded:
-            shutil.copyfileobj(encoded, file, _BLOCK)
+        yield memory
+
+
+def as_half(plane: Any) -> Any:
+    """An array [H, W] as half, clamped; itself if it is."""
+    import numpy as np
+
+    return plane if plane.dtype == np.float16 else _Half(plane)
 
 
 class _Half:

@@ -18,7 +18,6 @@ from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
 
 QUALITIES = ("draft", "standard", "high", "reference")
-DEPTH_REPAIRS = ("auto", "off")
 DEVICES = ("auto", "cpu", "cuda")
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
@@ -27,13 +26,15 @@ TILES = (16, 1 << 14)  # px; of defocus_core, too
 class Picture:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both.
 
-    `hidden` is a picture of what lies behind the visible surface, where that is known.
+    `hidden` is a picture of what lies behind the visible surface, where that is known; `frame` its
+    number in a shot.
     """
 
     stem: str
     color: Path
     depth: Path
     hidden: Picture | None = None
+    frame: int | None = None
 
     @property
     def files(self) -> dict[str, Path]:
@@ -93,9 +94,18 @@ class Lens:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(DepthReading):
-    """What to take from the input files, and how to read it."""
+    """What to take from the input files, and how to read it.
+
+    Attributes:
+        color_layer: colour layer of an EXR.
+        depth_repair: auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px.
+        edge_width: px of the widest soft edges of depth, 0 if none are soft; None: as found.
+    """
 
     color_layer: str | None = None
+    depth_repair: str = "auto"
+    edge_width: float | None = None
+    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
 
 
 @dataclass(frozen=True)
@@ -109,6 +119,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
     def rows(self) -> list[Kind]:
@@ -131,14 +142,13 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. ``quality`` or ``tolerance``, and ``depth_repair``, decide the pictures.
+    """How to compute. ``quality`` or ``tolerance`` decide the pictures.
 
     ``tile`` changes their last digits, too; the other fields change nothing in them.
     """
 
     quality: str = "standard"
     tolerance: float | None = None  # px of CoC radius, instead of a quality
-    depth_repair: str = "auto"  # off: depth is used as it is read
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
+from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands
 from defocus_cli.system.errors import TooLarge
@@ -50,13 +50,13 @@ def rendered(
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     outcome = replace(
         outcome,
-        repair_note=repair_words(stream.repair),
+        repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
+    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -119,7 +119,8 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
             threads=job.machine.threads,
             tile=job.machine.tile,
             infinity=infinity,
-            depth_repair=job.machine.depth_repair,
+            depth_repair=job.reading.depth_repair,
+            edge_width=job.reading.edge_width,
         ),
         None if loaded.behind is None else _behind(loaded, outcome),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
@@ -150,7 +151,7 @@ class _Images:
         """Copy a rendered region to its place."""
         import numpy as np
 
-        from defocus_cli.formats.exr import clamped_half
+        from defocus_cli.exr.writing import clamped_half
         from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box

@@ -64,9 +64,14 @@ class Picture:
         threads, quality = settings.threads, find(settings.quality)
         self.size = signed_radius.shape[0], signed_radius.shape[1]
         self.repair = DepthRepair()
-        if settings.depth_repair == "auto" and layered is None:
+        if settings.repair.on and layered is None:
             signed_radius, self.repair = repaired(
-                signed_radius, image, infinity=settings.infinity, threads=threads, hold=hold
+                signed_radius,
+                image,
+                infinity=settings.infinity,
+                threads=threads,
+                hold=hold,
+                options=settings.repair,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
         self._layered = layered
