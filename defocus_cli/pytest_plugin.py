@@ -186,7 +186,7 @@ def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
 
 
 def _accept(golden: Path, image: Any) -> None:
-    from defocus_cli.formats.exr import write_exr
+    from defocus_cli.exr.writing import write_exr
     from defocus_cli.system.safe_files import written_whole
 
     if isinstance(image, Path):

@@ -46,7 +46,7 @@ def keep(folder: Path, record: Comparison, test: str, picture: Path | Mapping[st
     Raises:
         InputError: there is no room for it.
     """
-    from defocus_cli.formats.exr import write_exr
+    from defocus_cli.exr.writing import write_exr
 
     stem = folder / f"{os.getpid()}-{next(_numbers)}"
     if record.passes:

@@ -38,12 +38,11 @@ def revived(record: Record, out: Path) -> Job:
         job = Job(
             _picture(asked["stem"], inputs, out),
             typed(Lens, asked["lens"]),
-            typed(Reading, asked["reading"]),
+            typed(Reading, {**_earlier_repair(asked), **asked["reading"]}),
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
             Machine(
                 quality=asked["quality"],
                 tolerance=asked.get("tolerance"),
-                depth_repair=asked.get("depth_repair", "auto"),
                 tile=asked.get("tile"),
             ),
             asked["suffix"],
@@ -62,6 +61,11 @@ def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") 
     has_hidden = not prefix and "hidden_color" in inputs
     hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
     return Picture(stem, color, depth, hidden)
+
+
+def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The repair of depth as earlier versions recorded it, beside the reading."""
+    return {name: asked[name] for name in ("depth_repair",) if name in asked}
 
 
 def _place(recorded: str, out: Path) -> Path:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from defocus_core.depth.repair import DEPTH_REPAIRS
+from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
-from defocus_core.runtime.validation import described, flag, number, one_of, whole
+from defocus_core.runtime.validation import described, flag, number, whole
 
 _MOST_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
 _BY_SCENE = "None lets the scene decide"
@@ -32,6 +32,7 @@ class Settings:
     tile: int | None = None
     infinity: float | None = None
     depth_repair: str = "auto"
+    edge_width: float | None = None
 
     def __post_init__(self) -> None:
         """Check each option; whole numbers of other types become int."""
@@ -40,7 +41,7 @@ class Settings:
             raise ValueError(f"{problem}; Aperture() is round")
         find(self.quality)
         flag("left_right", self.left_right)
-        one_of("depth_repair", self.depth_repair, DEPTH_REPAIRS)
+        repair_options(self.depth_repair, self.edge_width)
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
@@ -57,6 +58,11 @@ class Settings:
                 raise ValueError(f"{problem}; None if not known")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def repair(self) -> RepairOptions:
+        """Whether, and by which knowledge, depth is repaired."""
+        return repair_options(self.depth_repair, self.edge_width)
 
     @property
     def by_scene(self) -> bool:
