@@ -57,7 +57,7 @@ def revived(record: Record, out: Path) -> Job:
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
     """The picture whose files have roles with a prefix."""
-    color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
+    color, depth = (input_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
     has_hidden = not prefix and "hidden_color" in inputs
     hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
     return Picture(stem, color, depth, hidden)
@@ -68,7 +68,7 @@ def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
     return {name: asked[name] for name in ("depth_repair",) if name in asked}
 
 
-def _place(recorded: str, out: Path) -> Path:
+def input_place(recorded: str, out: Path) -> Path:
     """A path of the journal, relative to the working directory."""
     if Path(recorded).is_absolute():
         return Path(recorded)
