@@ -203,6 +203,12 @@ def rule_words(rules: Rules) -> list[object]:
     return words + (["--over", rules.over] if rules.over != OVER else [])
 
 
+def setting_lines(settings: Settings) -> list[str]:
+    """What of the pictures was compared, a line each; empty for all."""
+    chosen = {"region": settings.region, "where this is not 0": settings.mask}
+    return [f"Compared: {words} {value}" for words, value in chosen.items() if value is not None]
+
+
 def _setting_words(settings: Settings) -> list[object]:
     words: list[object] = []
     for option in ("region", "mask", "coc"):

@@ -31,15 +31,23 @@ def of_light(planes: Sequence[NDArray[Any]], gamma: float | None, side: int = SI
     """A JPEG of one or three channels [H, W], as a screen shows them; NaN and Inf are magenta."""
     import numpy as np
 
-    values = np.stack([np.asarray(plane, np.float32) for plane in planes], axis=2)
-    if gamma != 1.0:
-        decoded = srgb_to_linear(values) if gamma is None else np.maximum(values, 0) ** gamma
-        values = decoded.astype(np.float32)
-    values = reduced(values, side).repeat(3 // values.shape[2], axis=2)
+    small = [reduced(_light(plane, gamma)[:, :, None], side) for plane in planes]
+    values = np.concatenate(small * (3 // len(small)), axis=2)
     bad = ~np.isfinite(values).all(axis=2)
     shown = linear_to_srgb(values)
     shown[bad] = NONFINITE
     return _jpeg(quantised(shown, 8))
+
+
+def _light(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
+    """Linear light of a channel."""
+    import numpy as np
+
+    values = np.asarray(plane, np.float32)
+    if gamma == 1.0:
+        return values
+    decoded = srgb_to_linear(values) if gamma is None else np.maximum(values, 0) ** gamma
+    return decoded.astype(np.float32)
 
 
 def of_map(plane: NDArray[Any], ends: tuple[float, float], side: int = SIDE) -> bytes:
