@@ -30,6 +30,7 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render
@@ -38,6 +39,7 @@ from defocus_core.stream import Stream
 __all__ = [
     "ATTEMPTS",
     "DEPTH_REPAIRS",
+    "DUAL_PIXEL_MODELS",
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
@@ -48,6 +50,7 @@ __all__ = [
     "DefocusLens",
     "DepthRepair",
     "Distribution",
+    "DualPixel",
     "Errors",
     "HiddenLayer",
     "Lenses",

@@ -17,6 +17,7 @@ from defocus_core.images.views import Views, batch
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.runtime.torch_modes import own_modes
 from defocus_core.runtime.validation import check_image, dense, described, numbers
 
@@ -35,6 +36,7 @@ def render(
     tile: int | None = None,
     infinity: float | None = None,
     depth_repair: str = "auto",
+    dual_pixel: DualPixel | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -70,6 +72,8 @@ def render(
             averages of disparity.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
             "off" leaves it as it is.
+        dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
+            aperture.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -90,6 +94,7 @@ def render(
         tile=tile,
         infinity=infinity,
         depth_repair=depth_repair,
+        dual_pixel=DualPixel() if dual_pixel is None else dual_pixel,
     )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)

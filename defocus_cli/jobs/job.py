@@ -20,6 +20,7 @@ from defocus_cli.jobs.quantities import Percentile, length_text
 QUALITIES = ("draft", "standard", "high", "reference")
 DEPTH_REPAIRS = ("auto", "off")
 DEVICES = ("auto", "cpu", "cuda")
+DUAL_PIXEL_MODELS = ("split", "smooth")
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -87,6 +88,8 @@ class Lens:
     spherical: float = 0.0
     squeeze: float = 1.0
     aperture_image: Path | None = None
+    dp_model: str = "split"
+    dp_crosstalk: float = 0.0
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)
@@ -115,7 +118,7 @@ EFFECTS = {
     if field.name
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image",),
+        *("aperture_image", "dp_model", "dp_crosstalk"),
     )
 }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -147,6 +147,17 @@ def within(least: float, most: float, what: str, example: str) -> Callable[[str]
         if not least <= value <= most:
             raise QuantityError(f"'{text}' is not {what}", f"give {least:g} to {most:g}, {example}")
         return value
+
+    return parse
+
+
+def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
+    """A parser of one of some words."""
+
+    def parse(text: str) -> str:
+        if (word := text.strip().lower()) not in words:
+            raise QuantityError(f"'{text}' is not {what}", f"write {' or '.join(words)}")
+        return word
 
     return parse
 

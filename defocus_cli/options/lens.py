@@ -55,6 +55,15 @@ _LENS_HELP = {
         "Picture of the opening instead of blades, grey, PNG, EXR or NPY: bright is open, as a "
         "point beyond the focus shows it.",
     ),
+    "dp-model": (
+        "MODEL",
+        "Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, less and "
+        "less towards the other side, as in real sensors.  [default: split]",
+    ),
+    "dp-crosstalk": (
+        "0…0.49",
+        "Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
+    ),
 }
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.quantities import length_text
+from defocus_cli.rendering.opening import disparity_of
 from defocus_cli.system.arrays import Stack
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError
@@ -58,7 +60,7 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     color, job, warnings = rendering.color, rendering.outcome.job, []
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     planes = (
-        (_OfRadius(rendering.radius, kind.of_radius),)
+        (_OfRadius(rendering.radius, partial(_values, kind, disparity_of(rendering.outcome.lens))),)
         if kind.of_radius
         else rendering.images[kind.name]
     )
@@ -84,6 +86,12 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     elif preview is not None:
         write_preview(preview, Stack(planes))
     return warnings
+
+
+def _values(kind: Kind, disparity: float, radius: Any) -> Any:
+    """Values of a map from signed radii, and from the disparity of a radius of a px."""
+    assert kind.of_radius is not None
+    return kind.of_radius(radius, disparity)
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:

@@ -150,3 +150,24 @@ def test_a_sharp_range_that_makes_no_sense_is_refused(
 ) -> None:
     ran = run("render", *light, "-o", tmp_path / "out", *LENS, "--sharp-range", text)
     refused(ran, 2, "--sharp-range")
+
+
+def test_dual_pixels_are_less_apart_by_model_and_by_crosstalk(
+    light: tuple[Path, Path], tmp_path: Path
+) -> None:
+    maps = {}
+    for name, options in {
+        "ideal": (),
+        "smooth": ("--dp-model", "smooth"),
+        "crossed": ("--dp-crosstalk", "0.15"),
+    }.items():
+        out = ("-o", tmp_path / name, "--outputs", "left,right,disparity,coc")
+        ran = run("render", *light, *LENS, *out, *options)
+        assert ran.code == 0, ran.err
+        coc = read_exr(tmp_path / name / "coc/rgb.exr")["coc"]
+        maps[name] = float(
+            (read_exr(tmp_path / name / "disparity/rgb.exr")["disparity"] / coc).mean()
+        )
+    assert maps["ideal"] == pytest.approx(8 / (3 * np.pi), rel=1e-6)
+    assert maps["smooth"] == pytest.approx(0.5, rel=1e-3)
+    assert maps["crossed"] == pytest.approx(0.7 * maps["ideal"], rel=1e-3)
