@@ -32,6 +32,7 @@ from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render
 from defocus_core.stream import Stream
@@ -79,4 +80,5 @@ __all__ = [
     "render",
     "scenery",
     "verify",
+    "with_noise",
 ]

@@ -90,6 +90,8 @@ class Lens:
     aperture_image: Path | None = None
     dp_model: str = "split"
     dp_crosstalk: float = 0.0
+    noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
+    noise_seed: int = 0
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)
@@ -103,6 +105,8 @@ class Lens:
             effects["aperture_image"] = self.aperture_image.name
         if self.sharp_range is not None:
             effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.noise is not None:
+            effects["noise"] = "{:g}:{:g}".format(*self.noise)
         return effects
 
     @property
@@ -118,7 +122,7 @@ EFFECTS = {
     if field.name
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image", "dp_model", "dp_crosstalk"),
+        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed"),
     )
 }
 

@@ -45,6 +45,8 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "aperture-image": (quantities.file, "pupil"),
     "dp-model": (quantities.one_of(DUAL_PIXEL_MODELS, "a model of dual pixels"), "dp"),
     "dp-crosstalk": (quantities.within(0, 0.49, "a share of the light", "like 0.15"), "crosstalk"),
+    "noise": (quantities.noise, "noise"),
+    "noise-seed": (quantities.seed, "seed"),
 }
 PARSERS = {name: parser for name, (parser, _) in _ROWS.items()}
 LENGTHS = frozenset({"focal-length", "aperture-diameter", "sensor-width", "focus"})
@@ -135,6 +137,9 @@ def make_lens(flags: Mapping[str, Any], file: Path | None, *, radii: bool = Fals
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
         refuse_missing(values, _DASHES)
+    if options.get("noise-seed") and "noise" not in values:
+        problem, remedy = "changes nothing without noise", "add --noise 4000:3, or leave it out"
+        raise UsageProblem("--noise-seed", problem, remedy)
     for name in OF_BLADES:
         source = _DASHES if name in options else f"{file}: "
         refuse_idle(name, values.get(name), values.get("blades"), source)

@@ -64,6 +64,12 @@ _LENS_HELP = {
         "0…0.49",
         "Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
     ),
+    "noise": (
+        "ELECTRONS:READ",
+        "Noise of the sensor, like 4000:3: electrons that a light of 1 makes, whose number varies, "
+        "and electrons of read noise.",
+    ),
+    "noise-seed": ("N", "Number that decides the random numbers of the noise.  [default: 0]"),
 }
 
 

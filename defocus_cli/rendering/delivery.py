@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.quantities import length_text
+from defocus_cli.rendering.noisy_planes import noisy
 from defocus_cli.rendering.opening import disparity_of
 from defocus_cli.system.arrays import Stack
 from defocus_cli.system.console import version
@@ -65,6 +66,8 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         else rendering.images[kind.name]
     )
     attributes = _attributes(rendering.outcome, kind)
+    if kind.image and rendering.outcome.lens.noise:
+        planes = noisy(planes, color.channels, job, rendering.outcome.lens, kind)
     if kind.image:
         lost = write_image(
             path,
