@@ -25,7 +25,7 @@ from typing import Any
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
 from defocus_cli.jobs.job import DEPTH_REPAIRS, QUALITIES, Job, Machine, Outputs, Reading
-from defocus_cli.jobs.lens_plan import read_plan
+from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
     NAMES_OF_OPTIONS,
@@ -74,8 +74,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
 def _reading(section: Table, lens: Table) -> Reading:
     """The options of ``[reading]``, over those of the lens file."""
     section.refuse_unknown(NAMES_OF_OPTIONS)
-    file = lens.text("file")
-    below = lens_file_reading(None if file is None else lens.file.parent / file)
+    below = lens_file_reading(lens_file_of(lens))
     return make_reading(reading_values(section.values, section.place), below)
 
 
