@@ -32,6 +32,10 @@ from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render
+from defocus_core.sequences.motion import Frame, chained
+from defocus_core.sequences.seen_behind import seen_behind
+from defocus_core.sequences.shot_repair import agreed_repair, repair_through
+from defocus_core.sequences.temporal_mean import temporal_mean
 from defocus_core.stream import Stream
 
 __all__ = [
@@ -48,6 +52,7 @@ __all__ = [
     "DepthRepair",
     "Distribution",
     "Errors",
+    "Frame",
     "HiddenLayer",
     "Lenses",
     "Pixels",
@@ -58,8 +63,10 @@ __all__ = [
     "Stream",
     "UnreachableTolerance",
     "Views",
+    "agreed_repair",
     "baselines",
     "cells_bytes",
+    "chained",
     "cheapest_within",
     "cost",
     "depth_from_disparity",
@@ -72,6 +79,9 @@ __all__ = [
     "planar_depth",
     "quantisation",
     "render",
+    "repair_through",
     "scenery",
+    "seen_behind",
+    "temporal_mean",
     "verify",
 ]

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import assembled
 from defocus_core.engine.settings import Settings
@@ -34,7 +35,7 @@ def render(
     threads: int = 1,
     tile: int | None = None,
     infinity: float | None = None,
-    depth_repair: str = "auto",
+    depth_repair: str | DepthRepair = "auto",
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -69,7 +70,7 @@ def render(
             distinguishes averages of distance from averages of disparity. None takes all for
             averages of disparity.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
-            "off" leaves it as it is.
+            "off" leaves it as it is; a DepthRepair, like that of a shot, is done as it says.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:

@@ -32,6 +32,7 @@ def repaired(
     infinity: float | None,
     threads: int,
     hold: bool,
+    decided: DepthRepair | None = None,
 ) -> tuple[Pixels, DepthRepair]:
     """Signed radii as a renderer of scenes would write them, and the repair that was needed.
 
@@ -44,19 +45,25 @@ def repaired(
         threads: Number of bands of rows computed at once.
         hold: Whether there is room for the repaired radii of a large picture that is no tensor;
             without room each window is repaired when it is cut.
+        decided: The repair, where it is known already; None to find it.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
     """
     hold_all = partial(held, threads=threads, hold=hold)
-    radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+    if decided is None:
+        radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+    else:
+        radii, repair = _quiet(signed_radius, decided.noise, threads, hold=hold), decided
     if repair.antialiased is not None:
         repair_window = partial(without_averages, infinity=repair.antialiased)
         radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
     elif repair.soft_edges is not None or repair.ramps:
         repair_window = partial(without_ramps, steep=repair.soft_edges or STEEP)
         radii = hold_all(Repaired(radii, repair_window, AROUND_RAMPS), radii)
-    shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
+    shifts = repair.edge_shifts
+    if decided is None:
+        shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
         repair_window = partial(with_shifted_edges, shifts=shifts)
@@ -88,7 +95,13 @@ def _diagnosed(
     repair = diagnosed(signed_radius, infinity, threads)
     if repair.noise is None:
         return signed_radius, repair
-    smooth = partial(without_noise, noise=repair.noise)
-    quiet = Repaired(signed_radius, smooth, AROUND_NOISE)
-    radii = held(quiet, signed_radius, threads=threads, hold=hold)
+    radii = _quiet(signed_radius, repair.noise, threads, hold=hold)
     return radii, diagnosed(radii, infinity, threads, repair.noise)
+
+
+def _quiet(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bool) -> Pixels:
+    """Radii [H, W] px without noise of a standard deviation in px."""
+    if noise is None:
+        return signed_radius
+    quiet = Repaired(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
+    return held(quiet, signed_radius, threads=threads, hold=hold)

@@ -57,9 +57,15 @@ class Picture:
         threads, quality = settings.threads, find(settings.quality)
         self.size = signed_radius.shape[0], signed_radius.shape[1]
         self.repair = DepthRepair()
-        if settings.depth_repair == "auto":
+        if settings.depth_repair != "off":
+            decided = settings.depth_repair
             signed_radius, self.repair = repaired(
-                signed_radius, image, infinity=settings.infinity, threads=threads, hold=hold
+                signed_radius,
+                image,
+                infinity=settings.infinity,
+                threads=threads,
+                hold=hold,
+                decided=decided if isinstance(decided, DepthRepair) else None,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
         self.at_half_size = quality.half_size and settings.by_scene and _is_blurred(signed_radius)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import DEPTH_REPAIRS
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
@@ -31,7 +32,7 @@ class Settings:
     threads: int = 1
     tile: int | None = None
     infinity: float | None = None
-    depth_repair: str = "auto"
+    depth_repair: str | DepthRepair = "auto"
 
     def __post_init__(self) -> None:
         """Check each option; whole numbers of other types become int."""
@@ -40,7 +41,8 @@ class Settings:
             raise ValueError(f"{problem}; Aperture() is round")
         find(self.quality)
         flag("left_right", self.left_right)
-        one_of("depth_repair", self.depth_repair, DEPTH_REPAIRS)
+        if not isinstance(self.depth_repair, DepthRepair):
+            one_of("depth_repair", self.depth_repair, DEPTH_REPAIRS)
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
