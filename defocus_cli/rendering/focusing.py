@@ -80,6 +80,19 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin_lens(lens, size).radius_at_infinity()
 
 
+def lens_scale(lens: Lens, size: tuple[int, int]) -> float:
+    """Px of radius for a disparity of 1 per mm, in pictures of ``size`` (width, height).
+
+    Raises:
+        UsageProblem: there is no such lens.
+    """
+    import torch
+
+    thin_lens = _thin_lens(lens, size)
+    near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
+    return float(thin_lens.radius_at_infinity() - near) * MM_PER_M
+
+
 def repair_of(lens: Lens, radius: Any) -> str:
     """How a depth would be repaired before it is rendered, in words; empty if it is not.
 

@@ -33,11 +33,13 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
     repair_note: str = ""  # how it was repaired before it was rendered
+    repair: DepthRepair | None = None  # that of its shot; None if the frame decides
+    shot_note: str = ""  # what other frames decided
 
     def depth_words(self, *, rendered: bool = True) -> str:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
-        repair_note = self.repair_note if rendered else ""
-        return "; ".join(filter(None, (self.depth_note, repair_note)))
+        notes = (self.repair_note, self.shot_note) if rendered else ()
+        return "; ".join(filter(None, (self.depth_note, *notes)))
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,10 @@ def repaired(
 
 
 def diagnose_depth(
-    signed_radius: Pixels, infinity: float | None = None, threads: int = 1
+    signed_radius: Pixels,
+    infinity: float | None = None,
+    threads: int = 1,
+    image: Pixels | None = None,
 ) -> DepthRepair:
     """The repair that a depth map needs before it is rendered.
 
@@ -82,9 +85,12 @@ def diagnose_depth(
         signed_radius: [H, W] px.
         infinity: As for `render`.
         threads: Number of bands of rows examined at once.
+        image: [C, H, W] linear, by which displaced edges are found, too; None not to look for them.
     """
     hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
+        if image is not None:
+            return repaired(signed_radius, image, infinity=infinity, threads=threads, hold=hold)[1]
         return _diagnosed(signed_radius, infinity, threads, hold=hold)[1]
 
 

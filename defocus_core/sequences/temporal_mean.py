@@ -17,8 +17,8 @@ from torch.nn.functional import avg_pool2d
 from defocus_core.sequences.motion import Frame, approached, nearest_pixels, places
 
 # Distance in px around a pixel that is compared; greatest difference of its mean colour, as a share
-# of its brightness and of that of the frame; of its mean radius and of its own, in deviations.
-_BY, _COLOR, _DARK, _MEAN, _OWN = 2, 0.03, 0.003, 4.0, 4.0
+# of its brightness and besides; of its mean radius and of its own, in deviations.
+_BY, _COLOR, _DARK, _MEAN, _OWN = 2, 0.03, 0.001, 4.0, 4.0
 
 
 def temporal_mean(frame: Frame, neighbours: Iterable[Frame], noise: float) -> tuple[Tensor, Tensor]:
@@ -35,14 +35,13 @@ def temporal_mean(frame: Frame, neighbours: Iterable[Frame], noise: float) -> tu
     """
     radius = frame.signed_radius
     total, count = torch.zeros_like(radius), torch.ones_like(radius)
-    dark = _DARK * frame.image.mean()
     side = 2 * _BY + 1
     mean_limit, own_limit = (k * math.sqrt(2) * noise for k in (_MEAN / side, _OWN))
     brightness = _around(frame.image.abs().mean(0))
     for neighbour in neighbours:
         image, other, inside = _fetched(neighbour, radius)
         change = (_around(image - frame.image)).abs().amax(0)
-        still = (change <= _COLOR * brightness + dark) & inside
+        still = (change <= _COLOR * brightness + _DARK) & inside
         off = other - radius
         still &= off.abs() <= own_limit
         near = torch.where(off.abs() <= own_limit, off, 0.0)
