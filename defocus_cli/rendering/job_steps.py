@@ -186,9 +186,9 @@ def read(
             raise InputError(
                 picture.depth,
                 f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
-                "give depth of the size of the colour, or say --resize-depth nearest",
+                "give depth of the size of the colour, or say --resize-depth guided, or nearest",
             )
-        depth = resized(depth, (width, height), keeping)
+        depth = resized(depth, color, reading.resize_depth, keeping)
     require_valid(depth)
     require_finite(color)
     return color, depth
