@@ -11,6 +11,7 @@ from defocus_core.depth.conversion import (
     planar_depth,
 )
 from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.guided_resize import GuidedDepth
 from defocus_core.depth.repair import diagnose_depth, repair_depth
 from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
@@ -59,6 +60,7 @@ __all__ = [
     "DualPixel",
     "Errors",
     "Frame",
+    "GuidedDepth",
     "HiddenLayer",
     "Lenses",
     "Pixels",

@@ -235,9 +235,9 @@ def _of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> 
         return depth
     if reading.resize_depth is None:
         problem = f"is {columns}x{rows} px but {color.path} is {width}x{height} px"
-        remedy = "give depth of the size of the colour, or say --resize-depth nearest"
+        remedy = "give depth of the size of the colour, or say --resize-depth guided, or nearest"
         raise InputError(depth.path, problem, remedy)
-    return resized(depth, (width, height), keeping)
+    return resized(depth, color, reading.resize_depth, keeping)
 
 
 def require_view(picture: Picture, reading: Reading) -> None:
