@@ -208,3 +208,33 @@ def test_a_sensor_that_makes_no_sense_is_refused(
     light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, *words)
+
+
+def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
+    depth = depth_exr(tmp_path / "d.exr", np.full((SIZE, SIZE), 50.0, np.float32))
+    lamp = np.full((SIZE, SIZE, 3), 60, np.uint8)
+    lamp[24, 24] = (255, 200, 120)
+    photo = save(tmp_path / "photo.png", lamp)
+    bright = np.full((SIZE, SIZE, 3), 0.05, np.float32)
+    bright[24, 24] = 5.0
+    hdr = color_exr(tmp_path / "hdr.exr", bright)
+
+    def shown(color: Path, out: str, *options: str) -> np.ndarray:
+        ran = run("render", color, depth, "-o", tmp_path / out, *lens, *options)
+        assert ran.code == 0, ran.err
+        planes = read_exr(tmp_path / out / "render" / f"{color.stem}.exr")
+        return np.stack([planes[name] for name in "RGB"], -1).astype(np.float32)
+
+    plain, lit = shown(photo, "plain"), shown(photo, "lit", "--highlights", "auto")
+    more = shown(photo, "more", "--highlights", "0.8:60")
+    assert (lit - plain)[..., 0].max() > 0.01
+    assert (more - plain)[..., 0].max() == pytest.approx(
+        59 / 15 * (lit - plain)[..., 0].max(), rel=0.1
+    )
+    assert np.abs((lit - plain)[:4]).max() < 1 / 255
+    np.testing.assert_array_equal(shown(hdr, "a"), shown(hdr, "b", "--highlights", "auto"))
+    np.testing.assert_array_equal(plain, shown(photo, "off", "--highlights", "off"))
+    refused(
+        run("render", photo, depth, "-o", tmp_path / "x", *lens, "--highlights", "2"), 2, "auto"
+    )
