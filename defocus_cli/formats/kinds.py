@@ -32,6 +32,7 @@ class Kind:
             dual-pixel disparity of a radius of a px; its preview is orange below 0, white at 0 and
             blue above 0. None of a kind that is rendered: it is the
             attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
+        of_picture: whether it is an image made of the colours and the radii, without rendering.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
     """
@@ -41,13 +42,14 @@ class Kind:
     image: bool = False
     halves: bool = False
     of_radius: Callable[[NDArray[Any], float], NDArray[Any]] | None = None
+    of_picture: bool = False
     title: str = ""
     unit: str = ""
 
     @property
     def rendered(self) -> bool:
         """Whether it needs the rendered views; else the signed radii are enough."""
-        return self.of_radius is None
+        return self.of_radius is None and not self.of_picture
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
         """Bytes that a pixel takes in memory before it is written.
@@ -83,6 +85,12 @@ _ROWS = (
         "trust",
         "share of the lens that saw what the picture holds: 1 is nothing invented",
         title="trust map (share of the lens that saw what the picture holds)",
+    ),
+    Kind(
+        "focus",
+        "the picture in false colour, sharp green, nearer orange, beyond blue",
+        image=True,
+        of_picture=True,
     ),
 )
 KINDS = {kind.name: kind for kind in _ROWS}

@@ -66,8 +66,8 @@ _LENS_HELP = {
     "highlights": (
         "auto|T:GAIN",
         "Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like 16, "
-        "from a threshold in linear light, like 0.93, up to white. Pictures with light above 1, such "
-        "as HDR, stay as they are.  [default: off]",
+        "from a threshold in linear light, like 0.93, up to white. Pictures with light above 1 "
+        "stay as they are.  [default: off]",
     ),
     "dp-model": (
         "MODEL",

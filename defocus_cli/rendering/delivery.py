@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.quantities import length_text
+from defocus_cli.rendering.focus_picture import focus_planes
 from defocus_cli.rendering.noisy_planes import noisy
 from defocus_cli.rendering.opening import disparity_of
 from defocus_cli.system.arrays import Stack
@@ -60,13 +61,11 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
 
     color, job, warnings = rendering.color, rendering.outcome.job, []
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    planes = (
-        (_OfRadius(rendering.radius, partial(_values, kind, disparity_of(rendering.outcome.lens))),)
-        if kind.of_radius
-        else rendering.images[kind.name]
-    )
+    if kind.of_picture:
+        color = replace(color, channels=("R", "G", "B"), extras={})
+    planes = _planes(rendering, kind)
     attributes = _attributes(rendering.outcome, kind)
-    if kind.image and rendering.outcome.lens.noise:
+    if kind.image and kind.rendered and rendering.outcome.lens.noise:
         planes = noisy(planes, color.channels, job, rendering.outcome.lens, kind)
     if kind.image:
         lost = write_image(
@@ -89,6 +88,16 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     elif preview is not None:
         write_preview(preview, Stack(planes))
     return warnings
+
+
+def _planes(rendering: Rendering, kind: Kind) -> tuple[Any, ...]:
+    """The arrays [H, W] of a kind."""
+    if kind.of_picture:
+        return focus_planes(rendering.color, rendering.radius)
+    if kind.of_radius:
+        values = partial(_values, kind, disparity_of(rendering.outcome.lens))
+        return (_OfRadius(rendering.radius, values),)
+    return rendering.images[kind.name]
 
 
 def _values(kind: Kind, disparity: float, radius: Any) -> Any:

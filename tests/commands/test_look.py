@@ -238,3 +238,27 @@ def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: P
     refused(
         run("render", photo, depth, "-o", tmp_path / "x", *lens, "--highlights", "2"), 2, "auto"
     )
+
+
+def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
+    metres = np.tile(np.linspace(1, 4, 240, dtype=np.float32), (160, 1))
+    color = color_exr(tmp_path / "a.exr", np.full((160, 240, 3), 0.5, np.float32))
+    depth = depth_exr(tmp_path / "d.exr", metres)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
+    options = ("-o", tmp_path / "out", *lens, "--outputs", "focus,coc", "--exr-type", "float")
+    ran = run("render", color, depth, *options)
+    assert ran.code == 0, ran.err
+    shown = read_exr(tmp_path / "out/focus/a.exr")
+    coc = read_exr(tmp_path / "out/coc/a.exr")["coc"][0]
+    red, green, blue = (shown[name][0] for name in "RGB")
+    sharp, near, far = np.abs(coc) <= 1, coc < -1.5, coc > 1.5
+    assert sharp.any()
+    assert ((green > 2 * red) & (green > 2 * blue))[sharp].all()
+    assert (red >= green)[near].all()
+    assert (blue >= green)[far].all()
+    assert shown["R"].shape == metres.shape
+    inset = shown["G"][-40:, :96]
+    assert np.unique(inset).size > 4  # the bars, and the words
+    assert np.unique(shown["G"][-40:, 96:], axis=0).shape[0] == 1
+    records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
+    assert json.loads(records[-1])["seconds"]["render"] == 0
