@@ -23,6 +23,7 @@ from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
+from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
@@ -45,6 +46,7 @@ from defocus_core.stream import Stream
 
 __all__ = [
     "ATTEMPTS",
+    "AUTO_LIGHTS",
     "DEPTH_REPAIRS",
     "DUAL_PIXEL_MODELS",
     "LAWS",
@@ -96,5 +98,6 @@ __all__ = [
     "seen_behind",
     "temporal_mean",
     "verify",
+    "with_lights",
     "with_noise",
 ]

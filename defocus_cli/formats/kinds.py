@@ -33,6 +33,7 @@ class Kind:
             blue above 0. None of a kind that is rendered: it is the
             attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
         views: of an image of several, the kinds that are the views of its one EXR file.
+        of_picture: whether it is an image made of the colours and the radii, without rendering.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
     """
@@ -43,13 +44,14 @@ class Kind:
     halves: bool = False
     of_radius: Callable[[NDArray[Any], float], NDArray[Any]] | None = None
     views: tuple[str, ...] = ()
+    of_picture: bool = False
     title: str = ""
     unit: str = ""
 
     @property
     def rendered(self) -> bool:
         """Whether it needs the rendered views; else the signed radii are enough."""
-        return self.of_radius is None
+        return self.of_radius is None and not self.of_picture
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
         """Bytes that a pixel takes in memory before it is written.
@@ -101,6 +103,12 @@ _ROWS = (
         image=True,
         halves=True,
         views=("left", "right"),
+    ),
+    Kind(
+        "focus",
+        "the picture in false colour, sharp green, nearer orange, beyond blue",
+        image=True,
+        of_picture=True,
     ),
 )
 KINDS = {kind.name: kind for kind in _ROWS}

@@ -91,6 +91,7 @@ class Lens:
     spherical: float = 0.0
     squeeze: float = 1.0
     aperture_image: Path | None = None
+    highlights: tuple[float, float] | None = None  # threshold in linear light, and gain
     dp_model: str = "split"
     dp_crosstalk: float = 0.0
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
@@ -108,6 +109,8 @@ class Lens:
             effects["aperture_image"] = self.aperture_image.name
         if self.sharp_range is not None:
             effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.highlights is not None:
+            effects["highlights"] = "{:g}:{:g}".format(*self.highlights)
         if self.noise is not None:
             effects["noise"] = "{:g}:{:g}".format(*self.noise)
         return effects
@@ -125,7 +128,7 @@ EFFECTS = {
     if field.name
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed"),
+        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed", "highlights"),
     )
 }
 

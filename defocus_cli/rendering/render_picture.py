@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job
+from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.opening import aperture_in_pixels, dual_pixel_of
@@ -19,7 +19,7 @@ from defocus_cli.system.errors import TooLarge
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core import Behind, HiddenLayer, Stream, Views
+    from defocus_core import Behind, HiddenLayer, Pixels, Stream, Views
 
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
@@ -122,7 +122,7 @@ def stream_of(
     from defocus_core import Settings, Stream
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
-    image = Windows(loaded.color.planes, device)
+    image = _lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
     aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
     infinity = None
     if not loaded.depth.is_radius:
@@ -144,6 +144,15 @@ def stream_of(
         _hidden(loaded, outcome, seen, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
+
+
+def _lit(image: Windows, channels: Sequence[str], lens: Lens) -> Pixels:
+    """The picture, with the light that its clipped lights lost if the lens asks for it."""
+    from defocus_core import with_lights
+
+    if lens.highlights is None:
+        return image
+    return with_lights(image, *lens.highlights, colors=len(channels) - ("A" in channels))
 
 
 class _Images:
