@@ -16,6 +16,9 @@ from defocus_core.compositing.saturating_sum import (
 )
 from defocus_core.images.box import Box
 
+# Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
+_NEGLIGIBLE = 1e-4
+
 
 class Fronts:
     """The surfaces of a tile composited so far.
@@ -103,6 +106,18 @@ class Fronts:
             size = self.by_group[group].shape[-2], self.by_group[group].shape[-1]
             parts = ((shown.box, shown.layer[:, -1:]) for shown in surfaces.values())
             self._reserved[group] = summed(parts, size)
+
+    def are_nearly_full(self) -> bool:
+        """Whether the gaps that are left are not worth filling."""
+        gaps = zip(self.by_group, self._full, strict=True)
+        return all(is_full(front, most, _NEGLIGIBLE) for front, most in gaps)
+
+    def add_alpha(self) -> None:
+        """Add to the colours a last channel that is the coverage."""
+        for group, front in enumerate(self.by_group):
+            self.by_group[group] = torch.cat([front, front[:, -1:]], 1)
+        if self.moved is not None:
+            self.moved = torch.cat([self.moved, torch.zeros_like(self.moved[:, :1])], 1)
 
     def leave_open(self) -> None:
         """Count the gaps that are left as covered: nothing is seen there."""

@@ -21,8 +21,8 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer, hidden_layer
 from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, whole
-from defocus_core.layers.sliced_surface import Samples
-from defocus_core.layers.stacked_samples import Layered, Stack
+from defocus_core.layers.samples import Samples
+from defocus_core.layers.stacked_samples import Layered, Sampled, Stack
 
 
 class LayeredRegion(Region):
@@ -60,13 +60,16 @@ class LayeredRegion(Region):
         stack = self._layered.stack(outer, frame.dtype)
         hidden, self._is_known = stack.hidden(), stack.knows_behind()
         if hidden is not None:
-            samples = self._within(hidden, stack.signed_radius[0])
-            self._behind = self._blur.sliced(samples, 1, slicing.layers)
+            within = self._within(hidden, stack.signed_radius[0])
+            self._behind = self._blur.sliced(within, 1, slicing.layers)
         if self._layered.open and self._layered.is_continued:
             self._nothing = self._blur.sliced(self._uncovered(stack), 1, slicing.layers)
         self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
-        own, highlights = split_samples(stack.visible(), radius, frame.content.limit)
-        return own, radius, highlights
+        samples, highlights = split_samples(
+            stack.visible(), len(pixels) - 1, radius, frame.content.limit
+        )
+        self._others = samples.others
+        return samples.own, radius, highlights
 
     def _drawn(
         self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
@@ -76,18 +79,17 @@ class LayeredRegion(Region):
         places = position(solid, self._frame.slices.radii)
         return super()._drawn(highlights, solid, places, core)
 
-    def _within(self, own: Unmixed, signed_radius: Tensor) -> Samples:
+    def _within(self, samples: Sampled, signed_radius: Tensor) -> Samples:
         """The samples that reach the tiles, of the pixels of the rectangle around."""
-        radii = self._frame.slices.radii
-        return Samples.within(
-            self._inside, own, position(self._inside.of(signed_radius), radii), radii
-        )
+        radii, inside = self._frame.slices.radii, self._inside
+        places = position(inside.of(signed_radius), radii)
+        return Samples.within(inside, samples.own, places, radii, others=samples.others)
 
     def _uncovered(self, stack: Stack) -> Samples:
         """What no sample covers, as a surface without colours."""
         rest = stack.through[-1:]
         blank = whole(rest[:0], rest[0])._replace(coverage=rest)
-        return self._within(blank, torch.full_like(rest[0], self._layered.ends[1]))
+        return self._within(Sampled(blank, []), torch.full_like(rest[0], self._layered.ends[1]))
 
     def _fillings(
         self,
@@ -121,9 +123,11 @@ class LayeredRegion(Region):
         else:
             hidden = self._blur.over_tile(self._behind, index)
             fronts.add_known(visible, hidden, closed=not self._layered.open)
-            needed = [] if fronts.are_full(known=False) else reaching
+            needed = [] if fronts.are_nearly_full() else reaching
             for surface in needed:
                 fronts.fill(surface.over_tile(index).whole(), known=surface.known)
+        if not self._layered.blurs_alpha:
+            fronts.add_alpha()
         if self._layered.open:
             fronts.leave_open()
         return fronts, needed

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
+from torch import Tensor
+
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
@@ -84,7 +86,8 @@ class Picture:
             self._hidden = hidden and behind_at_half_size(hidden, threads, hold=hold)
         counted, self.reaching = self.image, self.signed_radius
         if layered is not None:
-            counted, self.reaching = layered.picture(alpha=False), layered.most_blurred()
+            counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
+            self.reaching = layered.most_blurred()
         self.frame = frame_of(
             counted,
             self.signed_radius,

@@ -28,7 +28,7 @@ from defocus_core.inpainting.hidden_layers import hidden_layer
 from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, unmixed, whole
-from defocus_core.layers.sliced_surface import Samples
+from defocus_core.layers.samples import Samples, Sheet
 from defocus_core.layers.slopes import AROUND as AROUND_SLOPES
 from defocus_core.layers.slopes import slopes
 from defocus_core.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
@@ -79,6 +79,7 @@ class Region:
         if content.edges:  # pixels beside them are looked up by their numbers
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         inmost = core.seen_from(outer)
+        self._others: list[Sheet] = []
         own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
         self._like = own.color
@@ -133,7 +134,7 @@ class Region:
             color = around.of(own.color)
             shifts = Shifts(color, radius, places, inner, radii, aperture, parts[groups[-1]])
         lean = None if lean is None else inner.of(lean)
-        samples = Samples.within(inside, own, inner.of(places), radii, lean, shifts)
+        samples = Samples.within(inside, own, inner.of(places), radii, lean, shifts, self._others)
         return self._blur.sliced(samples, 1, frame.slices.visible.layers)
 
     def _fillings(

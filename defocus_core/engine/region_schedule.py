@@ -56,8 +56,11 @@ def rendered_regions(
     threads, content = frame.settings.threads, frame.content
     backdrop = None
     if content.edges and (layered is None or layered.is_continued):
-        limit = max(content.limit, 1.0) if layered else content.limit  # alpha is no light
-        backdrop = backdrop_of(pixels, signed_radius, limit, frame.dtype, threads, content.ends)
+        shown, limit = pixels, content.limit
+        if layered is not None:
+            shown = layered.picture(alpha=layered.blurs_alpha)
+            limit = max(limit, 1.0)  # alpha is no light
+        backdrop = backdrop_of(shown, signed_radius, limit, frame.dtype, threads, content.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius

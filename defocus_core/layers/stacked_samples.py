@@ -19,6 +19,7 @@ from defocus_core.images.derived import Derived, held
 from defocus_core.images.source import Pixels, banded
 from defocus_core.images.sparse_masks import places_of
 from defocus_core.layers.matting import Fringe, Unmixed
+from defocus_core.layers.samples import Sheet
 
 # Greatest radius in px: any picture is a point beside it.
 _MOST_PX = 1e8
@@ -29,6 +30,8 @@ _LEAST = 1e-7
 _NEAR, _FAR = 1.0, 0.1
 # Share of a pixel up to which an opaque sample may leave it clear.
 _CLEAR = 0.01
+# Samples that fewer than one in so many pixels have are listed.
+_FEW = 10
 
 
 class Layered(NamedTuple):
@@ -97,6 +100,14 @@ class Layered(NamedTuple):
         """The picture in focus [C, H, W]: premultiplied colours, and alpha if asked for."""
         return self._held(_Flattened(self, alpha=alpha))
 
+    @property
+    def blurs_alpha(self) -> bool:
+        """Whether alpha is a channel of the colours that are blurred: else it is the coverage.
+
+        Of one layer, for what is continued behind its edges may be nothing.
+        """
+        return self.number == 1
+
     def nearest(self) -> Pixels:
         """The radius [H, W] px of the nearest sample of each pixel."""
         return self._held(_RadiiOf(self, most_blurred=False))
@@ -130,7 +141,8 @@ class Layered(NamedTuple):
         most = max(1, int(there.sum(0).amax()))
         color, radius = color[:most], radius[:most]
         left = torch.cumprod(1 - color[:, -1], 0)
-        return Stack(color, radius, torch.cat([torch.ones_like(left[:1]), left]))
+        through = torch.cat([torch.ones_like(left[:1]), left])
+        return Stack(color, radius, through, self.blurs_alpha)
 
 
 class Stack(NamedTuple):
@@ -141,11 +153,13 @@ class Stack(NamedTuple):
         signed_radius: [L, h, w] px; that of nothing where no sample is.
         through: [L + 1, h, w], the share of each pixel that all nearer samples leave; last the
             share that none covers.
+        with_alpha: Whether the colours of samples have a last channel of 1, their alpha.
     """
 
     color: Tensor
     signed_radius: Tensor
     through: Tensor
+    with_alpha: bool
 
     def flattened(self) -> Tensor:
         """The picture in focus [C + 1, h, w]: premultiplied colours, then alpha."""
@@ -162,11 +176,11 @@ class Stack(NamedTuple):
             return None
         return torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
 
-    def visible(self) -> Unmixed:
-        """What shows: the nearest sample, and as fringe what shows of those behind it."""
+    def visible(self) -> Sampled:
+        """What shows: the nearest sample, and what shows of those behind it."""
         return self._weighted(self.through[:-1])
 
-    def hidden(self) -> Unmixed | None:
+    def hidden(self) -> Sampled | None:
         """What samples of nearer surfaces in the same pixel hide; None if nothing is hidden."""
         if len(self.color) == 1:
             return None
@@ -185,27 +199,47 @@ class Stack(NamedTuple):
             own = own * (1 - self.color[j, -1] * (1 - apart))
         return (own - self.through[k]).clamp(min=0)
 
-    def _weighted(self, weights: Tensor) -> Unmixed:
-        """The samples times weights [L, h, w]; alpha, the last channel of colours, is 1."""
+    def _weighted(self, weights: Tensor) -> Sampled:
+        """The samples times weights [L, h, w]."""
         coverage = self.color[:, -1] * weights
         first = self.color[0, -1:]
-        color = self.color[0] / torch.where(first > 0, first, 1.0)
-        parts = [
-            _samples(self.color[k] * weights[k], coverage[k], self.signed_radius[k])
-            for k in range(1, len(weights))
-        ]
-        nowhere = _samples(color, torch.zeros_like(first[0]), self.signed_radius[0])
-        fringe = Fringe(*(torch.cat(part) for part in zip(nowhere, *parts, strict=True)))
+        color = self.color[0] if self.with_alpha else self.color[0, :-1]
+        color = color / torch.where(first > 0, first, 1.0)
+        nothing = torch.zeros_like(coverage[0])
+        parts, others = [_fringe(self._layer(0, weights), nothing, self.signed_radius[0])], []
+        for k in range(1, len(weights)):
+            layer = self._layer(k, weights)
+            if int((coverage[k] > _LEAST).sum()) * _FEW > coverage[k].numel():
+                others.append((layer, self.signed_radius[k]))
+            else:
+                parts.append(_fringe(layer, coverage[k], self.signed_radius[k]))
+        fringe = Fringe(*(torch.cat(part) for part in zip(*parts, strict=True)))
         whole = bool((coverage[0] == 1).all())
-        return Unmixed(color, None if whole else coverage[:1], fringe)
+        return Sampled(Unmixed(color, None if whole else coverage[:1], fringe), others)
+
+    def _layer(self, k: int, weights: Tensor) -> Tensor:
+        """Sample k times its weight: its color, and last its coverage."""
+        layer = self.color[k] * weights[k]
+        return torch.cat([layer, layer[-1:]]) if self.with_alpha else layer
 
 
-def _samples(color: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
-    """The pixels that have coverage: of colours [C, h, w], coverage and radii [h, w]."""
+class Sampled(NamedTuple):
+    """Samples of pixels.
+
+    Attributes:
+        own: The nearest ones, and as fringe further ones that few pixels have.
+        others: Further ones that many pixels have.
+    """
+
+    own: Unmixed
+    others: list[Sheet]
+
+
+def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
+    """The samples [C, h, w] of pixels that have coverage [h, w]."""
     at = places_of(coverage.detach() > _LEAST)
     y, x = at.unbind(1)
-    layer = torch.cat([color[:, y, x], coverage[None, y, x]]).T
-    return Fringe(at, layer, signed_radius[y, x])
+    return Fringe(at, layer[:, y, x].T, signed_radius[y, x])
 
 
 class _Flattened(Derived):
