@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from defocus_cli.formats.kinds import PREVIEW
 from defocus_cli.jobs.job import Picture
@@ -41,7 +42,7 @@ class _Files:
 def find_pictures(
     color: Path,
     depth: Path | None,
-    hidden: tuple[Path, Path | None] | None = None,
+    others: Mapping[str, tuple[Path, Path | None]] | None = None,
     *,
     patterns_in: Path | None = None,
     frames: FrameChoice = ALL,
@@ -51,7 +52,8 @@ def find_pictures(
     Args:
         color: a colour file, or a directory of them.
         depth: the depth file or directory; None if each colour EXR holds its own depth.
-        hidden: colour and depth of what lies behind each picture, in the same form.
+        others: colour and depth of what belongs to each picture by role (hidden, over), in the same
+            form.
         patterns_in: the folder that paths are relative to, which then may be patterns.
         frames: the frames wanted of frame patterns.
 
@@ -59,25 +61,32 @@ def find_pictures(
         InputError: a path is missing or of the wrong sort, or files do not pair up.
         UsageProblem: frames are chosen, but no path numbers any.
     """
-    paths = [path for path in (color, depth, *(hidden or ())) if path is not None]
+    others = others or {}
+    every = (color, depth, *(path for pair in others.values() for path in pair))
+    paths = [path for path in every if path is not None]
     if any(is_pattern((patterns_in or Path()) / path) for path in paths):
-        return _shot(color, depth, hidden, patterns_in or Path(), frames)
+        return _shot(color, depth, others, patterns_in or Path(), frames)
     if frames != ALL:
         problem = "chooses frames, but no path numbers them"
         raise UsageProblem(frames.source, problem, "give patterns like 'shot.####.exr'")
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
     colors, pictures = _paired(color, depth, patterns_in, with_text)
-    if hidden is None:
-        return list(pictures.values())
-    hidden_colors, behind = _paired(*hidden, patterns_in, with_text)
-    _refuse_unpaired(colors, hidden_colors)
-    return [replace(picture, hidden=behind[name]) for name, picture in pictures.items()]
+    for role, (other_color, other_depth) in others.items():
+        lone = role == "over" and other_depth is None  # a plate needs no depth
+        other_colors, found = _paired(
+            other_color, other_color if lone else other_depth, patterns_in, with_text
+        )
+        _refuse_unpaired(colors, other_colors)
+        for name, picture in pictures.items():
+            other: dict[str, Any] = {role: found[name]}
+            pictures[name] = replace(picture, **other)
+    return list(pictures.values())
 
 
 def _shot(
     color: Path,
     depth: Path | None,
-    hidden: tuple[Path, Path | None] | None,
+    others: Mapping[str, tuple[Path, Path | None]],
     root: Path,
     frames: FrameChoice,
 ) -> list[Picture]:
@@ -94,8 +103,8 @@ def _shot(
         problem = "has no depth, which only EXR holds beside colour"
         raise InputError(root / color, problem, "give the depth frames as a second argument")
     paths = {"color": color, "depth": depth or color}
-    if hidden is not None:
-        paths |= {"hidden_color": hidden[0], "hidden_depth": hidden[1] or hidden[0]}
+    for role, (other_color, other_depth) in others.items():
+        paths |= {f"{role}_color": other_color, f"{role}_depth": other_depth or other_color}
     files = {role: numbered(path) for role, path in paths.items()}
     every = {root / path: files[role] for role, path in paths.items()}
     numbers, skipped = chosen(every, frames)
@@ -104,9 +113,9 @@ def _shot(
 
     def picture(number: int, prefix: str = "") -> Picture:
         stem = files["color"][number].stem
-        behind = picture(number, "hidden_") if hidden and not prefix else None
+        found = {role: picture(number, f"{role}_") for role in others if not prefix}
         color, depth = (files[prefix + role][number] for role in ("color", "depth"))
-        return Picture(stem, color, depth, behind, frame=number)
+        return Picture(stem, color, depth, **found, frame=number)
 
     return [picture(number) for number in numbers]
 

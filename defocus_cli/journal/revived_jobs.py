@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import OTHERS, Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.journal.journal import Record
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.journal.plain_values import typed
@@ -58,9 +58,12 @@ def revived(record: Record, out: Path) -> Job:
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
     """The picture whose files have roles with a prefix."""
     color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
-    has_hidden = not prefix and "hidden_color" in inputs
-    hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
-    return Picture(stem, color, depth, hidden)
+    others: dict[str, Any] = {
+        role: _picture(stem, inputs, out, f"{role}_")
+        for role in OTHERS
+        if not prefix and f"{role}_color" in inputs
+    }
+    return Picture(stem, color, depth, **others)
 
 
 def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
