@@ -31,6 +31,7 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, quantisation
 from defocus_core.layers.quality import QUALITIES
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
@@ -64,6 +65,7 @@ __all__ = [
     "Frame",
     "GuidedDepth",
     "HiddenLayer",
+    "Layered",
     "Lenses",
     "Pixels",
     "PupilImage",

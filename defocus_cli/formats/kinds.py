@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.system.errors import UsageProblem
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -119,3 +121,20 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 # Types of image files, and the suffix of each.
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
+
+
+def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The kinds of output with left and right in one file.
+
+    Args:
+        kinds: as they were asked for.
+        where: option or key that asks for one file, for errors.
+
+    Raises:
+        UsageProblem: left or right is not among them.
+    """
+    row = KINDS["multiview"]
+    if missing := [view for view in row.views if view not in kinds]:
+        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
+        raise UsageProblem(where, problem, "name both, like left,right")
+    return (*(kind for kind in kinds if kind not in row.views), row.name)

@@ -10,6 +10,7 @@ from typing import Any
 
 from defocus_cli.jobs.job import (
     FRAME_ROLE,
+    OTHERS,
     Job,
     Lens,
     Machine,
@@ -74,9 +75,12 @@ def revived(record: Record, out: Path) -> Job:
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
     """The picture whose files have roles with a prefix."""
     color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
-    has_hidden = not prefix and "hidden_color" in inputs
-    hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
-    return Picture(stem, color, depth, hidden)
+    others: dict[str, Any] = {
+        role: _picture(stem, inputs, out, f"{role}_")
+        for role in OTHERS
+        if not prefix and f"{role}_color" in inputs
+    }
+    return Picture(stem, color, depth, **others)
 
 
 def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:

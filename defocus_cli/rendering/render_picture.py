@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
@@ -127,20 +128,24 @@ def stream_of(
     infinity = None
     if not loaded.depth.is_radius:
         infinity = longer * radius_at_infinity(lens, outcome.size)
+    settings = Settings(
+        aperture=aperture,
+        dual_pixel=dual_pixel_of(lens),
+        quality=outcome.quality,
+        left_right=any(kind.halves for kind in job.outputs.rows),
+        threads=job.machine.threads,
+        tile=job.machine.tile,
+        infinity=infinity,
+        depth_repair=outcome.decided or job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+    )
+    if loaded.plate is not None:
+        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
+        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
     return Stream(
         image,
         Windows([times(radius, longer)], device, lone=True),
-        Settings(
-            aperture=aperture,
-            dual_pixel=dual_pixel_of(lens),
-            quality=outcome.quality,
-            left_right=any(kind.halves for kind in job.outputs.rows),
-            threads=job.machine.threads,
-            tile=job.machine.tile,
-            infinity=infinity,
-            depth_repair=outcome.decided or job.reading.depth_repair,
-            edge_width=job.reading.edge_width,
-        ),
+        settings,
         _hidden(loaded, outcome, seen, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
@@ -165,6 +170,10 @@ class _Images:
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
+        self._order = list(range(channels))
+        if loaded.plate is not None:  # the alpha of layers is their last channel
+            alpha = len(loaded.color.light)
+            self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         for kind in job.outputs.rows:
@@ -187,6 +196,8 @@ class _Images:
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
             views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
+            if KINDS[kind].image and self._order != sorted(self._order):
+                views = [view[self._order] for view in views]
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
