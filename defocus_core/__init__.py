@@ -29,6 +29,7 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, quantisation
 from defocus_core.layers.quality import QUALITIES
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.random_lens import Lenses, RandomDefocus
@@ -50,6 +51,7 @@ __all__ = [
     "Distribution",
     "Errors",
     "HiddenLayer",
+    "Layered",
     "Lenses",
     "Pixels",
     "RandomDefocus",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job, Picture, Reading
+from defocus_cli.rendering.deep_picture import deep_header, read_deep
 from defocus_cli.rendering.focusing import focused, quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
@@ -21,6 +22,7 @@ from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
+    from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
 
 
@@ -39,7 +41,12 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
-    if picture.hidden is None or not job.outputs.need_rendering:
+    if not job.outputs.need_rendering:
+        return Loaded(held, color, depth)
+    header = deep_header(picture, job.reading, parts_of(picture, job.reading)[0])
+    if header is not None:
+        return _with_layers(job, header, Loaded(held, color, depth))
+    if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
     if behind.shape != color.shape:
@@ -50,6 +57,21 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"is {size} but the picture is {wanted}"
         raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
     return Loaded(held, color, depth, (behind, behind_depth))
+
+
+def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
+    """A deep picture with its samples.
+
+    Raises:
+        InputError: they cannot be used, or something else is to be behind them.
+    """
+    if job.picture.hidden is not None:
+        problem = "is deep, and knows itself what is hidden"
+        raise InputError(job.picture.color, problem, "leave --hidden out")
+    keeping, like = loaded.holding.keeping, (loaded.color, loaded.depth)
+    layers = read_deep(job.picture, header, job.reading, like, keeping, job.lens_focal)
+    note = f"{loaded.color.note}, {layers.words}"
+    return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 
 
 def compute(

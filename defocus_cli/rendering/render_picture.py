@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job
+from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
@@ -85,7 +86,7 @@ def _fill(
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.place(part)
+                images.place(loaded.layers.in_order(part) if loaded.layers else part)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -109,19 +110,24 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = Windows(loaded.color.planes, device)
     infinity = None if loaded.depth.is_radius else radius_at_infinity(lens, outcome.size)
+    settings = Settings(
+        aperture=Aperture(lens.blades, lens.blade_rotation),
+        quality=outcome.quality,
+        left_right=any(kind.halves for kind in job.outputs.rows),
+        threads=job.machine.threads,
+        tile=job.machine.tile,
+        infinity=infinity,
+        depth_repair=job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+    )
+    if loaded.layers is not None:
+        known = layered(loaded.layers, lens, loaded.holding.keeping, device)
+        if known.open or known.number > 1:
+            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     return Stream(
         image,
         Windows([radius], device, lone=True),
-        Settings(
-            aperture=Aperture(lens.blades, lens.blade_rotation),
-            quality=outcome.quality,
-            left_right=any(kind.halves for kind in job.outputs.rows),
-            threads=job.machine.threads,
-            tile=job.machine.tile,
-            infinity=infinity,
-            depth_repair=job.reading.depth_repair,
-            edge_width=job.reading.edge_width,
-        ),
+        settings,
         None if loaded.behind is None else _behind(loaded, outcome),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
