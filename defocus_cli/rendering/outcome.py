@@ -14,6 +14,7 @@ from defocus_cli.rendering.memory_budget import Holding
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
+    from defocus_cli.rendering.deep_picture import Layers
     from defocus_core import DepthRepair
 
 
@@ -52,6 +53,7 @@ class Loaded:
     depth: Depth
     behind: tuple[Color, Depth] | None = None
     plate: Plate | None = None
+    layers: Layers | None = None  # of a deep picture that is rendered
 
     @property
     def nothing(self) -> Any:

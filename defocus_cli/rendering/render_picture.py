@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.opening import aperture_in_pixels, dual_pixel_of
@@ -98,7 +99,7 @@ def _fill(
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.place(part)
+                images.place(loaded.layers.in_order(part) if loaded.layers else part)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -142,6 +143,10 @@ def stream_of(
     if loaded.plate is not None:
         layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
         return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+    if loaded.layers is not None:
+        known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
+        if known.open or known.number > 1:
+            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     return Stream(
         image,
         Windows([times(radius, longer)], device, lone=True),
