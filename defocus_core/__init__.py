@@ -32,13 +32,17 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
+from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
-from defocus_core.render import render
+from defocus_core.render import render, render_layers
 from defocus_core.stream import Stream
 
 __all__ = [
     "ATTEMPTS",
     "DEPTH_REPAIRS",
+    "DUAL_PIXEL_MODELS",
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
@@ -49,11 +53,13 @@ __all__ = [
     "DefocusLens",
     "DepthRepair",
     "Distribution",
+    "DualPixel",
     "Errors",
     "GuidedDepth",
     "HiddenLayer",
     "Lenses",
     "Pixels",
+    "PupilImage",
     "RandomDefocus",
     "Scenery",
     "Setting",
@@ -75,8 +81,10 @@ __all__ = [
     "planar_depth",
     "quantisation",
     "render",
+    "render_layers",
     "repair_depth",
     "repair_options",
     "scenery",
     "verify",
+    "with_noise",
 ]

@@ -51,14 +51,18 @@ def command(
     \b
     With --json, "files" has of each:
       file, size   its path; width and height in px
-      parts        index, name, deep, and channels with their types
-      color        channels, nonfinite_pixels; null if there is none
+      parts        index, name, deep, views, and channels with their types; of an EXR
+                   data_window and display_window (x and y of their first and last pixel),
+                   pixel_aspect
+      color        channels, nonfinite_pixels; with alpha nothing_pixels, where it is 0, and
+                   partial_pixels, where it is below 1; null if there is none
       color_note   how the colour would be read, or why there is none
-      depth        range_m, sky_pixels, invalid_pixels; with a lens, which lens, coc_px,
-                   repair: what would be done to the depth before it is rendered, empty
-                   if nothing, and depth_repair: the same in numbers (kinds, noise_px,
-                   edge_width_px, displaced_px, share of pixels); warnings of a depth
-                   that hardly suits the lens; null if there is none
+       depth        range_m, sky_pixels, invalid_pixels, nothing_pixels, where the alpha of
+                    the colour is 0; with a lens, which lens, coc_px, repair: what would be
+                    done to the depth before it is rendered, empty if nothing, and
+                    depth_repair: the same in numbers (kinds, noise_px, edge_width_px,
+                    displaced_px, share of pixels); warnings of a depth that hardly suits the
+                    lens; null if there is none
       depth_note   how the depth would be read, or why there is none
       evidence     formats that the depth could be of, and faults that show
       maps         kind, and range_px or range, of what 'defocus render' wrote

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -11,11 +12,12 @@ from defocus_cli.batch import pipeline, run
 from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
+from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.pairing import find_pictures
+from defocus_cli.jobs.shot_lenses import ShotLenses
 from defocus_cli.options import shared
-from defocus_cli.options.lens import lens_options
 from defocus_cli.options.reading import reading_options
+from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import batch_report, dry_runs
 from defocus_cli.system import console
@@ -24,7 +26,8 @@ _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
 
 COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
-COLOR is an EXR that holds both, or a directory of such.
+COLOR is an EXR that holds both, or a directory of such. Patterns like 'shot.####.exr' or
+'shot.%04d.exr' are the frames of a shot, which pair up by number ('defocus help shots').
 
 OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
 inputs, options and outputs are as they were are not rendered again. Files that the journal does
@@ -44,6 +47,7 @@ Examples:
   defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
   defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
   defocus render frames/ depths/ -o out --lens 50mm.toml --dry-run
+  defocus render 'rgb.####.exr' 'z.####.exr' -o out --focal-length 50mm --animate pull.csv
 """
 
 
@@ -55,7 +59,8 @@ Examples:
 )
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
-@lens_options(required=True)
+@shot_lens_options(required=True)
+@shot_options
 @shared.output_options
 @shared.hidden_option
 @reading_options
@@ -72,7 +77,8 @@ Examples:
 def command(
     color: Path,
     depth: Path | None,
-    lens: Lens,
+    lenses: ShotLenses,
+    shot: ShotOptions,
     outputs: Outputs,
     hidden: tuple[Path, Path] | None,
     reading: Reading,
@@ -84,8 +90,11 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = find_pictures(color, depth, hidden)
-    jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
+    pictures = find_pictures(color, depth, hidden, frames=shot.choice(lenses.animation))
+    jobs = [
+        Job(picture, lens, reading, outputs, machine)
+        for picture, lens in _taken(pictures, lenses, verbose=verbose)
+    ]
     execution = functools.partial(Execution, read_inputs=check_inputs == "hash")
     if dry_run:
         dry_runs.report_pictures(
@@ -106,3 +115,17 @@ def command(
         records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
         console.print_json(dry_run=False, pictures=records)
     batch_report.end(summary)
+
+
+def _taken(
+    pictures: Sequence[Picture], lenses: ShotLenses, *, verbose: bool
+) -> Iterator[tuple[Picture, Lens]]:
+    """Each picture and its lens; what metadata decided is told where it changes."""
+    told: object = None
+    for picture in pictures:
+        lens, taken = lenses.of(picture)
+        if verbose and taken and taken != told:
+            words = ", ".join(f"{n} {each.text} ({each.attribute})" for n, each in taken.items())
+            console.say(f"{picture.color}: {words}")
+            told = taken
+        yield picture, lens

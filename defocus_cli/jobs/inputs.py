@@ -2,7 +2,8 @@
 
 ``[inputs]`` knows
   color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
-                              colour EXR holds its own
+                              colour EXR holds its own; ``shot.####.exr`` numbers frames
+  frames, missing             of such a shot the frames wanted, and what to do without a file
   hidden-color, hidden-depth  what lies behind, in the same form
   list                        CSV or JSONL files with a row for each picture
   pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
@@ -25,10 +26,11 @@ from defocus_cli.jobs.job import Picture
 from defocus_cli.jobs.lens_options import PARSERS, checked, refuse_contradiction
 from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures
 from defocus_cli.jobs.toml_file import Table, refuse_unknown
+from defocus_cli.shots.frame_patterns import MISSING, frame_choice
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 
 FILES = ("color", "depth", "hidden-color", "hidden-depth")
-KEYS = (*FILES, "list", "pictures")
+KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
 LIST_SUFFIXES = (".csv", ".jsonl")
 LONGEST_LINE = 2**20
@@ -45,8 +47,12 @@ class Entry:
     options: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_inputs(table: Table) -> list[Entry]:
+def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
     """The pictures of ``[inputs]``, in the order of the file; those of a pattern by name.
+
+    Args:
+        table: ``[inputs]``.
+        keyed: the frames that have keys.
 
     Raises:
         InputError: files are missing, do not pair up, or a list cannot be read.
@@ -54,7 +60,7 @@ def read_inputs(table: Table) -> list[Entry]:
     """
     table.refuse_unknown(KEYS)
     entries = [
-        *_from_files(table),
+        *_from_files(table, keyed),
         *(entry for file in _lists(table) for entry in _from_rows(_read_rows(file), file)),
         *_from_tables(table),
     ]
@@ -70,19 +76,27 @@ def read_inputs(table: Table) -> list[Entry]:
     return entries
 
 
-def _from_files(table: Table) -> list[Entry]:
+def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
     color, depth, hidden_color, hidden_depth = (
         text if text is None else Path(text) for text in map(table.text, FILES)
     )
     if color is None:
-        lone = next((key for key in FILES if key in table.values), None)
+        asked = (*FILES, "frames", "missing")
+        lone = next((key for key in asked if key in table.values), None)
         if lone is not None:
             raise UsageProblem(table.place(lone), "stands without color", "add color")
         return []
     if hidden_color is None and hidden_depth is not None:
         raise UsageProblem(table.place("hidden-depth"), "stands without hidden-color", "add that")
     hidden = None if hidden_color is None else (hidden_color, hidden_depth)
-    pictures = find_pictures(color, depth, hidden, patterns_in=table.file.parent)
+    choice = frame_choice(
+        table.text("frames"),
+        table.choice("missing", MISSING),
+        (table.place("frames"), table.place("missing")),
+        keyed,
+    )
+    root = table.file.parent
+    pictures = find_pictures(color, depth, hidden, patterns_in=root, frames=choice)
     return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
 
 

@@ -3,6 +3,8 @@
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
+  [animate]   keys of lens options by frame, see `defocus_cli.jobs.animation`; ``file``, files of
+              keys; ``interpolation``
   [sweep]     lists, grids and ranges of lens options, see `defocus_cli.jobs.sweep`
   [sample]    random lenses, see `defocus_cli.jobs.random_lenses`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
@@ -24,8 +26,8 @@ from typing import Any
 
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs
-from defocus_cli.jobs.job import QUALITIES, Job, Machine, Outputs, Reading
-from defocus_cli.jobs.lens_plan import read_plan
+from defocus_cli.jobs.job import QUALITIES, Job, Machine, Outputs, Reading, in_one_file
+from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
     NAMES_OF_OPTIONS,
@@ -33,10 +35,11 @@ from defocus_cli.jobs.reading_options import (
     make_reading,
     reading_values,
 )
+from defocus_cli.jobs.shot_lenses import animated, read_animation_table
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_cli.system.errors import UsageProblem
 
-TABLES = ("inputs", "lens", "sweep", "sample", "reading", "outputs", "machine")
+TABLES = ("inputs", "lens", "animate", "sweep", "sample", "reading", "outputs", "machine")
 MOST_JOBS = 10_000_000
 
 
@@ -60,7 +63,9 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
-    entries = read_inputs(named["inputs"])
+    animation = read_animation_table(named["animate"])
+    entries = read_inputs(named["inputs"], animation.frames)
+    entries = animated(entries, animation, plan, named["lens"], reading)
     if len(entries) * plan.count > MOST_JOBS:
         problem = f"asks for {len(entries) * plan.count} pictures"
         raise UsageProblem(path, problem, f"split it into files of at most {MOST_JOBS}")
@@ -81,13 +86,13 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
             raise UsageProblem(machine.place("depth-repair"), problem, "keep one of them")
         repair = {"depth-repair": machine.values["depth-repair"]}
         values |= reading_values(repair, machine.place)
-    file = lens.text("file")
-    below = lens_file_reading(None if file is None else lens.file.parent / file)
-    return make_reading(values, below, section.place("edge-width"))
+    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(("kinds", "format", "exr-type", "jpeg-quality", "preview"))
+    section.refuse_unknown(
+        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan")
+    )
     name = section.values.get("format")
     if isinstance(name, str):
         aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -98,8 +103,12 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "exr_type": section.choice("exr-type", ("half", "float")),
         "jpeg_quality": section.whole("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
+        "keep_overscan": section.flag("keep-overscan"),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
+    if section.flag("multiview"):
+        kinds = in_one_file(outputs.kinds, section.place("multiview"))
+        outputs = dataclasses.replace(outputs, kinds=kinds)
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"

@@ -2,7 +2,8 @@
 
 The name of a file in a directory is its stem. In a pattern it is what the wildcards stand for, with
 the text before them if that is the same in all patterns: ``s*/rgb.exr`` names s1, and not 1. A lone
-file pairs with any other lone file, whatever their stems.
+file pairs with any other lone file, whatever their stems. Of frame patterns, files of one number
+pair up, whatever else their names are.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from pathlib import Path
 from defocus_cli.formats.kinds import PREVIEW
 from defocus_cli.jobs.job import Picture
 from defocus_cli.jobs.wildcards import has_wildcard, matching, texts_before
-from defocus_cli.system.errors import InputError
+from defocus_cli.shots.frame_patterns import ALL, FrameChoice, chosen, frames_of, is_pattern
+from defocus_cli.system import console
+from defocus_cli.system.errors import InputError, UsageProblem
 from defocus_cli.system.safe_files import missing
 
 COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
@@ -41,19 +44,27 @@ def find_pictures(
     hidden: tuple[Path, Path | None] | None = None,
     *,
     patterns_in: Path | None = None,
+    frames: FrameChoice = ALL,
 ) -> list[Picture]:
-    """The pictures of the paths of colour and depth, sorted by name.
+    """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame.
 
     Args:
         color: a colour file, or a directory of them.
         depth: the depth file or directory; None if each colour EXR holds its own depth.
         hidden: colour and depth of what lies behind each picture, in the same form.
         patterns_in: the folder that paths are relative to, which then may be patterns.
+        frames: the frames wanted of frame patterns.
 
     Raises:
         InputError: a path is missing or of the wrong sort, or files do not pair up.
+        UsageProblem: frames are chosen, but no path numbers any.
     """
     paths = [path for path in (color, depth, *(hidden or ())) if path is not None]
+    if any(is_pattern((patterns_in or Path()) / path) for path in paths):
+        return _shot(color, depth, hidden, patterns_in or Path(), frames)
+    if frames != ALL:
+        problem = "chooses frames, but no path numbers them"
+        raise UsageProblem(frames.source, problem, "give patterns like 'shot.####.exr'")
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
     colors, pictures = _paired(color, depth, patterns_in, with_text)
     if hidden is None:
@@ -61,6 +72,43 @@ def find_pictures(
     hidden_colors, behind = _paired(*hidden, patterns_in, with_text)
     _refuse_unpaired(colors, hidden_colors)
     return [replace(picture, hidden=behind[name]) for name, picture in pictures.items()]
+
+
+def _shot(
+    color: Path,
+    depth: Path | None,
+    hidden: tuple[Path, Path | None] | None,
+    root: Path,
+    frames: FrameChoice,
+) -> list[Picture]:
+    """The pictures of frame patterns, by frame; frames that are left out are named."""
+
+    def numbered(path: Path) -> dict[int, Path]:
+        path = root / path
+        if not is_pattern(path):
+            problem = "numbers no frames, unlike another path"
+            raise InputError(path, problem, "give patterns like 'shot.####.exr' for all of them")
+        return frames_of(path)
+
+    if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
+        problem = "has no depth, which only EXR holds beside colour"
+        raise InputError(root / color, problem, "give the depth frames as a second argument")
+    paths = {"color": color, "depth": depth or color}
+    if hidden is not None:
+        paths |= {"hidden_color": hidden[0], "hidden_depth": hidden[1] or hidden[0]}
+    files = {role: numbered(path) for role, path in paths.items()}
+    every = {root / path: files[role] for role, path in paths.items()}
+    numbers, skipped = chosen(every, frames)
+    if skipped:
+        console.say(f"defocus: {skipped}; left out")
+
+    def picture(number: int, prefix: str = "") -> Picture:
+        stem = files["color"][number].stem
+        behind = picture(number, "hidden_") if hidden and not prefix else None
+        color, depth = (files[prefix + role][number] for role in ("color", "depth"))
+        return Picture(stem, color, depth, behind, frame=number)
+
+    return [picture(number) for number in numbers]
 
 
 def _paired(

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES
+from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_cli.depth_formats.table import NAMES, UNITS
 from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.quantities import (
@@ -134,6 +134,16 @@ def edge_width(text: str) -> float:
 
 REPAIRS = ("auto", "off")
 WIDEST_EDGE = 100  # px; of defocus_core, too
+
+
+def words(text: str) -> tuple[str, ...]:
+    """Words separated by commas or blanks, each once."""
+    found = tuple(dict.fromkeys(text.replace(",", " ").split()))
+    if not found:
+        raise QuantityError(f"'{text}' names nothing", "write it like diffuse.*,specular.*")
+    return found
+
+
 PARSERS: dict[str, Callable[[str], Any]] = {
     "depth-format": format_name,
     "depth-unit": one_of(tuple(UNITS)),
@@ -151,7 +161,10 @@ PARSERS: dict[str, Callable[[str], Any]] = {
     "depth-repair": depth_repair,
     "edge-width": edge_width,
     "color-layer": str,
+    "blur-channels": words,
     "part": whole,
+    "view": str,
+    "unpremultiply-depth": one_of(UNPREMULTIPLY),
 }
 NAMES_OF_OPTIONS = (*PARSERS, *GEOMETRIES)
 

@@ -38,7 +38,9 @@ _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and
 def settings(job: Job) -> dict[str, Any]:
     """The settings of a job as plain values, without its inputs, OUT and the machine."""
     outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
-    lens = {k: v for k, v in _plain(job.lens).items() if k != "focus_source"}
+    lens = {
+        k: v for k, v in _plain(job.lens).items() if k not in ("focus_source", "aperture_image")
+    }
     return {
         "stem": job.picture.stem,
         "suffix": job.suffix,

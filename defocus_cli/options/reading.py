@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.depth_formats.reading import INVALID, KINDS, RESIZES
+from defocus_cli.depth_formats.reading import INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_cli.depth_formats.table import UNITS
 from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.reading_options import (
@@ -41,10 +41,19 @@ _HELP = {
         "Width of the widest soft edges of the depth, like 8px; 0 says that edges are hard.  "
         "[default: as found]",
     ),
+    "blur-channels": (
+        "NAME,…",
+        "Further channels of an EXR that are light, like diffuse.*: blurred with the picture; "
+        "the others are copied.",
+    ),
     "part": ("N", "Part of an EXR, page of a TIFF or frame of an array, from 0."),
+    "view": ("NAME", "View of an EXR of several cameras, like left.  [default: the file's first]"),
 }
 # What a depth file alone, without a picture and a lens, has no use for.
-_OF_PICTURES = ("color-layer", "resize-depth", "depth-repair", "edge-width")
+_OF_PICTURES = (
+    *("color-layer", "blur-channels", "resize-depth", "unpremultiply-depth"),
+    *("depth-repair", "edge-width"),
+)
 
 
 def reading_options(command: Command) -> Command:
@@ -102,8 +111,18 @@ def _named() -> list[tuple[str, Decorator]]:
         ),
         ("depth-repair", _parsed("depth-repair")),
         ("edge-width", _parsed("edge-width")),
-        *((name, _parsed(name)) for name in ("depth-channel", "color-layer")),
+        *((name, _parsed(name)) for name in ("depth-channel", "color-layer", "blur-channels")),
         ("part", _part()),
+        ("view", _parsed("view")),
+        (
+            "unpremultiply-depth",
+            _choice(
+                "unpremultiply-depth",
+                UNPREMULTIPLY,
+                "Divide depth by alpha: on, off, or auto, if pixels of half alpha show that it was "
+                "multiplied.  [default: auto]",
+            ),
+        ),
     ]
 
 

@@ -19,6 +19,7 @@ from defocus_cli.jobs.job import (
     TILES,
     Machine,
     Outputs,
+    in_one_file,
 )
 from defocus_cli.jobs.quantities import byte_count, pixel_count
 from defocus_cli.options.types import (
@@ -103,13 +104,28 @@ def output_options(command: Command) -> Command:
                 is_flag=True,
                 help="Also write OUT/<kind>/<stem>.preview.png to look at.",
             ),
+            option(
+                "--multiview",
+                is_flag=True,
+                help="Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
+            ),
+            option(
+                "--keep-overscan",
+                is_flag=True,
+                help="Write the pixels beyond the display window of an EXR, too; they take part in "
+                "the blur in any case.",
+            ),
             option("--overwrite", is_flag=True, help="Render again and replace what is there."),
         ],
     )(command)
 
 
-def _outputs(*, exr_type: str | None, jpeg_quality: int | None, **others: Any) -> Outputs:
+def _outputs(
+    *, exr_type: str | None, jpeg_quality: int | None, multiview: bool, **others: Any
+) -> Outputs:
     outputs = Outputs(**others)
+    if multiview:
+        outputs = replace(outputs, kinds=in_one_file(outputs.kinds, "--multiview"))
     for option, value, kind in (
         ("--exr-type", exr_type, "exr"),
         ("--jpeg-quality", jpeg_quality, "jpg"),

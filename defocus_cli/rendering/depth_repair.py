@@ -36,22 +36,22 @@ def repair_words(repair: DepthRepair | None) -> str:
     return "; ".join(done)
 
 
-def repair_found(lens: Lens, radius: Any, reading: Reading) -> DepthRepair:
+def repair_found(lens: Lens, radius: Any, size: tuple[int, int], reading: Reading) -> DepthRepair:
     """The repair of a depth before it is rendered, as far as it shows without colours.
 
     Args:
         lens: the lens, with its focus distance.
         radius: signed CoC radius in px of all pixels, [H, W].
+        size: (width, height) of the picture shown.
         reading: what is known of the repair.
     """
     import torch
 
     from defocus_core import diagnose_depth
 
-    height, width = radius.shape
     return diagnose_depth(
         Windows([radius], "cpu", lone=True),
-        radius_at_infinity(lens, (width, height)),
+        radius_at_infinity(lens, size),
         torch.get_num_threads(),
         depth_repair=reading.depth_repair,
         edge_width=reading.edge_width,

@@ -49,6 +49,11 @@ class Loaded:
     depth: Depth
     behind: tuple[Color, Depth] | None = None
 
+    @property
+    def nothing(self) -> Any:
+        """Where an element holds nothing, bool [H, W]; None if nowhere."""
+        return self.depth.nothing
+
 
 @dataclass(frozen=True)
 class Rendering:
@@ -58,8 +63,10 @@ class Rendering:
         outcome: lens, notes, time and warnings of the job.
         color: the colour input, whose metadata and further channels are written too.
         radius: signed CoC radius in px, [H, W].
-        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
+        images: each rendered kind's arrays [H, W]: C of each view
+            of an image, in linear light; one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        nothing: where an element holds nothing, bool [H, W]; None if nowhere.
     """
 
     outcome: Outcome
@@ -67,3 +74,4 @@ class Rendering:
     radius: Any
     images: Mapping[str, tuple[Any, ...]]
     clamped: Mapping[str, int]
+    nothing: Any = None

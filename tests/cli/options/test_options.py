@@ -24,6 +24,10 @@ def test_qualities_are_those_of_the_core() -> None:
     assert tuple(defocus_core.QUALITIES) == job.QUALITIES
 
 
+def test_models_of_dual_pixels_are_those_of_the_core() -> None:
+    assert defocus_core.DUAL_PIXEL_MODELS == job.DUAL_PIXEL_MODELS
+
+
 def test_threads_are_the_cores_this_process_may_use() -> None:
     assert shared.cores() == len(os.sched_getaffinity(0))
 
@@ -41,7 +45,10 @@ def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
     command: click.Command,
 ) -> None:
     flags = {name for param in command.params for name in param.opts}
-    of_color = {"--color-layer", "--resize-depth", "--depth-repair", "--edge-width"}
+    of_color = {
+        *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
+        *("--depth-repair", "--edge-width"),
+    }
     of_color = of_color if command is depth_command else set()
     assert {f"--{name}" for name in NAMES_OF_OPTIONS} - of_color <= flags
     assert not of_color & flags
