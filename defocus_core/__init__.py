@@ -37,6 +37,10 @@ from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render, render_layers
+from defocus_core.sequences.motion import Frame, chained
+from defocus_core.sequences.seen_behind import seen_behind
+from defocus_core.sequences.shot_repair import agreed_repair, repair_through
+from defocus_core.sequences.temporal_mean import temporal_mean
 from defocus_core.stream import Stream
 
 __all__ = [
@@ -55,6 +59,7 @@ __all__ = [
     "Distribution",
     "DualPixel",
     "Errors",
+    "Frame",
     "GuidedDepth",
     "HiddenLayer",
     "Lenses",
@@ -67,8 +72,10 @@ __all__ = [
     "Stream",
     "UnreachableTolerance",
     "Views",
+    "agreed_repair",
     "baselines",
     "cells_bytes",
+    "chained",
     "cheapest_within",
     "cost",
     "depth_from_disparity",
@@ -84,7 +91,10 @@ __all__ = [
     "render_layers",
     "repair_depth",
     "repair_options",
+    "repair_through",
     "scenery",
+    "seen_behind",
+    "temporal_mean",
     "verify",
     "with_noise",
 ]

@@ -18,7 +18,17 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # below it.
 CORE_ORDER = (
     *("__init__", "evaluation", "random_lens", "distributions", "lens", "render", "stream"),
-    *("engine", "compositing", "blur", "depth", "inpainting", "layers", "images", "optics"),
+    *(
+        "engine",
+        "compositing",
+        "blur",
+        "sequences",
+        "depth",
+        "inpainting",
+        "layers",
+        "images",
+        "optics",
+    ),
     *("runtime", "renderer_version"),
 )
 CLI_ORDER = (

@@ -13,8 +13,9 @@ from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
-from defocus_cli.jobs.pairing import find_pictures
+from defocus_cli.jobs.pairing import find_pictures, whole_shot
 from defocus_cli.jobs.shot_lenses import ShotLenses
+from defocus_cli.jobs.shots import with_shot
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
@@ -95,6 +96,9 @@ def command(
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _taken(pictures, lenses, verbose=verbose)
     ]
+    every = whole_shot(color, depth, hidden)
+    moving = "focus-at" in lenses.animation.keys
+    jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     execution = functools.partial(Execution, read_inputs=check_inputs == "hash")
     if dry_run:
         dry_runs.report_pictures(

@@ -40,7 +40,7 @@ _KEYS = (
     ("?", "this help"),
 )
 # How a status looks: well, to be looked at, or bad.
-_TONES = {"same": "good", "done": "good", "better": "good", "warning": "fair"}
+_TONES = {"same": "good", "done": "good", "ok": "good", "warning": "fair"}
 
 
 def write_report(path: Path, report: Report) -> None:

@@ -115,18 +115,19 @@ def _pair(a: Picture | None, b: Picture | None, record: Comparison) -> tuple[lis
         drawn[0] = replace(drawn[0], layer=replace(drawn[0].layer, thumbnail=b""))
     if len(drawn) < 2 or drawn[0].planes[0].shape != drawn[1].planes[0].shape:
         return drawn, 1.0
-    greatest = _greatest(drawn[0].planes, drawn[1].planes)
+    difference, full = difference_of(*drawn)
+    return (drawn if difference is None else [*drawn, difference]), full
+
+
+def difference_of(a: Drawn, b: Drawn) -> tuple[Drawn | None, float]:
+    """The difference of two layers, and that of the hottest colour; None if nothing differs."""
+    greatest = _greatest(a.planes, b.planes)
     full = _full(greatest)
     if not full:
-        return drawn, 1.0
-    layer = replace(
-        drawn[1].layer,
-        key=DIFFERENCE,
-        title="difference",
-        kind=HEAT,
-        thumbnail=thumbnails.of_difference(greatest, full),
-    )
-    return [*drawn, Drawn(layer, [])], full
+        return None, 1.0
+    thumbnail = thumbnails.of_difference(greatest, full)
+    layer = replace(b.layer, key=DIFFERENCE, title="difference", kind=HEAT, thumbnail=thumbnail)
+    return Drawn(layer, []), full
 
 
 def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[Any]:

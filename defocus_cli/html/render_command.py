@@ -64,7 +64,7 @@ def _lens_words(lens: Mapping[str, Any]) -> list[object] | None:
         value = lens[key]
         if value is None or value == _DEFAULTS.get(key):
             continue
-        words += [option, value if value == "inf" else f"{value!r}{unit}"]
+        words += [option, value if value == "inf" else f"{value!r}".removesuffix(".0") + unit]
     return words
 
 

@@ -24,7 +24,7 @@ from typing import Any, TextIO
 
 from defocus_cli.jobs.job import Picture
 from defocus_cli.jobs.lens_options import PARSERS, checked, refuse_contradiction
-from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures
+from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures, whole_shot
 from defocus_cli.jobs.toml_file import Table, refuse_unknown
 from defocus_cli.shots.frame_patterns import MISSING, frame_choice
 from defocus_cli.system.errors import InputError, UsageProblem, reason
@@ -76,10 +76,27 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
     return entries
 
 
+def read_whole_shot(table: Table) -> list[Entry]:
+    """All frames of the shot of ``[inputs]``, whichever are wanted; none if it numbers none.
+
+    Raises:
+        InputError: a pattern matches nothing.
+    """
+    color, depth, hidden_color, hidden_depth = _paths(table)
+    if color is None:
+        return []
+    hidden = None if hidden_color is None else (hidden_color, hidden_depth)
+    pictures = whole_shot(color, depth, hidden, patterns_in=table.file.parent)
+    return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
+
+
+def _paths(table: Table) -> list[Path | None]:
+    """Colour and depth, and those of the hidden layer."""
+    return [text if text is None else Path(text) for text in map(table.text, FILES)]
+
+
 def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
-    color, depth, hidden_color, hidden_depth = (
-        text if text is None else Path(text) for text in map(table.text, FILES)
-    )
+    color, depth, hidden_color, hidden_depth = _paths(table)
     if color is None:
         asked = (*FILES, "frames", "missing")
         lone = next((key for key in asked if key in table.values), None)

@@ -21,6 +21,7 @@ from defocus_cli.system.errors import UsageProblem
 QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
 DUAL_PIXEL_MODELS = ("split", "smooth")
+FRAME_ROLE = "frame"  # of other frames among the inputs
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -209,6 +210,48 @@ class Machine:
 
 
 @dataclass(frozen=True)
+class Taken:
+    """A frame of a shot, and the lens that takes it."""
+
+    picture: Picture
+    lens: Lens
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The frames of a shot that decide, besides its own, what a picture looks like.
+
+    Attributes:
+        sample: frames by which is decided for all of the shot how depth is repaired and where a
+            focus lies that the depth decides; empty if each frame decides for itself.
+        window: the frame and its neighbours, ascending: their depth is averaged where the scene is
+            still, and with motion vectors they show what is hidden.
+        focus: frames whose focus is averaged for the focus of this one; empty for its own.
+        motion: layer of motion vectors in the files; None if there is none.
+    """
+
+    sample: tuple[Taken, ...] = ()
+    window: tuple[Picture, ...] = ()
+    focus: tuple[Taken, ...] = ()
+    motion: str | None = None
+
+    @property
+    def pictures(self) -> dict[int, Picture]:
+        """All of these frames by number."""
+        taken = (each.picture for each in (*self.sample, *self.focus))
+        return {int(p.frame): p for p in (*taken, *self.window) if p.frame is not None}
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Their files by role, like frame1001_depth."""
+        return {
+            f"{FRAME_ROLE}{number}_{role}": path
+            for number, picture in sorted(self.pictures.items())
+            for role, path in (("color", picture.color), ("depth", picture.depth))
+        }
+
+
+@dataclass(frozen=True)
 class Job:
     """One picture to render."""
 
@@ -218,14 +261,15 @@ class Job:
     outputs: Outputs
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
+    shot: Shot | None = None
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its inputs by role: those of the picture, and those beside its depth that are there."""
+        """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
         files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
         if self.lens.aperture_image is not None and self.outputs.need_rendering:
             files["aperture_image"] = self.lens.aperture_image
-        return files
+        return files if self.shot is None else files | self.shot.files
 
     @property
     def lens_focal(self) -> float | None:

@@ -74,6 +74,27 @@ def find_pictures(
     return [replace(picture, hidden=behind[name]) for name, picture in pictures.items()]
 
 
+def whole_shot(
+    color: Path,
+    depth: Path | None,
+    hidden: tuple[Path, Path | None] | None = None,
+    *,
+    patterns_in: Path | None = None,
+) -> list[Picture]:
+    """All frames of frame patterns that have all of their files, ascending; none of other paths.
+
+    Raises:
+        InputError: a pattern matches nothing, or a path is none.
+    """
+    root = patterns_in or Path()
+    paths = [path for path in (color, depth, *(hidden or ())) if path is not None]
+    if not any(is_pattern(root / path) for path in paths):
+        return []
+    files = _numbered(color, depth, hidden, root)
+    everywhere = set.intersection(*(set(of) for of in files.values()))
+    return [_frame(files, number) for number in sorted(everywhere)]
+
+
 def _shot(
     color: Path,
     depth: Path | None,
@@ -82,13 +103,26 @@ def _shot(
     frames: FrameChoice,
 ) -> list[Picture]:
     """The pictures of frame patterns, by frame; frames that are left out are named."""
+    files = _numbered(color, depth, hidden, root)
+    paths = (color, depth or color, *((hidden[0], hidden[1] or hidden[0]) if hidden else ()))
+    every = {root / path: of for path, of in zip(paths, files.values(), strict=True)}
+    numbers, skipped = chosen(every, frames)
+    if skipped:
+        console.say(f"defocus: {skipped}; left out")
+    return [_frame(files, number) for number in numbers]
+
+
+def _numbered(
+    color: Path, depth: Path | None, hidden: tuple[Path, Path | None] | None, root: Path
+) -> dict[str, dict[int, Path]]:
+    """The files of frame patterns by role, by number."""
 
     def numbered(path: Path) -> dict[int, Path]:
-        path = root / path
-        if not is_pattern(path):
+        if not is_pattern(root / path):
             problem = "numbers no frames, unlike another path"
-            raise InputError(path, problem, "give patterns like 'shot.####.exr' for all of them")
-        return frames_of(path)
+            remedy = "give patterns like 'shot.####.exr' for all of them"
+            raise InputError(root / path, problem, remedy)
+        return frames_of(root / path)
 
     if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
         problem = "has no depth, which only EXR holds beside colour"
@@ -96,19 +130,15 @@ def _shot(
     paths = {"color": color, "depth": depth or color}
     if hidden is not None:
         paths |= {"hidden_color": hidden[0], "hidden_depth": hidden[1] or hidden[0]}
-    files = {role: numbered(path) for role, path in paths.items()}
-    every = {root / path: files[role] for role, path in paths.items()}
-    numbers, skipped = chosen(every, frames)
-    if skipped:
-        console.say(f"defocus: {skipped}; left out")
+    return {role: numbered(path) for role, path in paths.items()}
 
-    def picture(number: int, prefix: str = "") -> Picture:
-        stem = files["color"][number].stem
-        behind = picture(number, "hidden_") if hidden and not prefix else None
-        color, depth = (files[prefix + role][number] for role in ("color", "depth"))
-        return Picture(stem, color, depth, behind, frame=number)
 
-    return [picture(number) for number in numbers]
+def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> Picture:
+    """The picture of a frame."""
+    has_hidden = not prefix and "hidden_color" in files
+    behind = _frame(files, number, "hidden_") if has_hidden else None
+    color, depth = (files[prefix + role][number] for role in ("color", "depth"))
+    return Picture(files["color"][number].stem, color, depth, behind, frame=number)
 
 
 def _paired(

@@ -7,12 +7,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job, Picture, Reading
-from defocus_cli.rendering.focusing import focused, quality_of, radius_map
+from defocus_cli.rendering.focusing import quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.rendering.overscan import overscan_of
 from defocus_cli.rendering.render_picture import rendered
+from defocus_cli.rendering.shot_decisions import decided_words, shot_focused, shot_repair
+from defocus_cli.rendering.shot_frames import with_neighbours
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
 from defocus_cli.system.errors import InputError, TooLarge, UsageProblem
@@ -69,7 +71,8 @@ def compute(
     outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
         return Rendering(outcome, loaded.color, radius, {}, {}, loaded.nothing)
-    return rendered(loaded, radius, outcome, progress)
+    outcome, quiet, seen = with_neighbours(outcome, loaded, radius, _read_for)
+    return replace(rendered(loaded, quiet, outcome, progress, seen), radius=radius)
 
 
 def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
@@ -79,7 +82,10 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         InputError: the picture cannot be taken with this lens.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    lens = focused(job.lens, loaded.depth)
+    lens = shot_focused(job, loaded.depth, _read_for)
+    decided = None
+    if job.outputs.need_rendering:
+        decided = shot_repair(job, lens, loaded.depth.size, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
     outcome = Outcome(
         job=job,
@@ -94,8 +100,15 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
             *implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale),
             *_warnings(loaded),
         ),
+        decided=decided,
+        shot_note=decided_words(job.shot, decided),
     )
     return outcome, radius
+
+
+def _read_for(job: Job, keeping: Keeping) -> tuple[Color, Depth]:
+    """Colour and depth of the picture of a job."""
+    return read(job.picture, job.reading, keeping, job.lens_focal)
 
 
 def _warnings(loaded: Loaded) -> tuple[str, ...]:

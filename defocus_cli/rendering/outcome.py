@@ -33,11 +33,13 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
     repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
+    decided: DepthRepair | None = None  # that of its shot; None if the frame decides
+    shot_note: str = ""  # what other frames decided
 
     def depth_words(self, *, rendered: bool = True) -> str:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
-        repair_note = repair_words(self.repair) if rendered else ""
-        return "; ".join(filter(None, (self.depth_note, repair_note)))
+        notes = (repair_words(self.repair), self.shot_note) if rendered else ()
+        return "; ".join(filter(None, (self.depth_note, *notes)))
 
 
 @dataclass(frozen=True)

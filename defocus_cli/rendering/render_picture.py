@@ -19,7 +19,7 @@ from defocus_cli.system.errors import TooLarge
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core import Behind, Stream, Views
+    from defocus_core import Behind, HiddenLayer, Stream, Views
 
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
@@ -27,7 +27,11 @@ _MANY_CLAMPED = 0.01
 
 
 def rendered(
-    loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None = None
+    loaded: Loaded,
+    radius: Any,
+    outcome: Outcome,
+    progress: Progress | None = None,
+    seen: HiddenLayer | None = None,
 ) -> Rendering:
     """The images and maps that need rendering.
 
@@ -36,6 +40,7 @@ def rendered(
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
         progress: called with (tiles done, tiles in all).
+        seen: what other frames have seen of what is hidden.
 
     Raises:
         TooLarge: it does not fit into memory.
@@ -45,7 +50,7 @@ def rendered(
     set_to_render()
     images = _Images(outcome.job, loaded)
     wall, cpu = time.perf_counter(), time.process_time()
-    stream = _fill(images, loaded, radius, outcome, progress)
+    stream = _fill(images, loaded, radius, outcome, progress, seen)
     if outcome.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
@@ -71,7 +76,12 @@ def _clamped(stats: Mapping[str, float]) -> list[str]:
 
 
 def _fill(
-    images: _Images, loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None
+    images: _Images,
+    loaded: Loaded,
+    radius: Any,
+    outcome: Outcome,
+    progress: Progress | None,
+    seen: HiddenLayer | None,
 ) -> Stream:
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
@@ -80,7 +90,7 @@ def _fill(
     while True:
         images.clamped.clear()
         try:
-            stream = stream_of(loaded, radius, outcome)
+            stream = stream_of(loaded, radius, outcome, seen)
             if at_once is None:
                 at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
                 if at_once < job.machine.threads:  # memory is short
@@ -98,13 +108,16 @@ def _fill(
             at_once = 1
 
 
-def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
+def stream_of(
+    loaded: Loaded, radius: Any, outcome: Outcome, seen: HiddenLayer | None = None
+) -> Stream:
     """The renderer of a job, which works region by region.
 
     Args:
         loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
+        seen: what other frames have seen of what is hidden.
     """
     from defocus_core import Settings, Stream
 
@@ -125,10 +138,10 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
             threads=job.machine.threads,
             tile=job.machine.tile,
             infinity=infinity,
-            depth_repair=job.reading.depth_repair,
+            depth_repair=outcome.decided or job.reading.depth_repair,
             edge_width=job.reading.edge_width,
         ),
-        None if loaded.behind is None else _behind(loaded, outcome, longer),
+        _hidden(loaded, outcome, seen, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
@@ -174,6 +187,26 @@ class _Images:
                     self.clamped[kind] = self.clamped.get(kind, 0) + count
             for plane, values in zip(planes, pixels, strict=True):
                 plane[rows, columns] = values
+
+
+def _hidden(
+    loaded: Loaded, outcome: Outcome, seen: HiddenLayer | None, longer: float
+) -> Behind | None:
+    """The known hidden layer: that of files, and beside it what other frames have seen."""
+    from defocus_core import Behind
+
+    behind = None if loaded.behind is None else _behind(loaded, outcome, longer)
+    if seen is None:
+        return behind
+    color, radius, mask = (each.to(outcome.device) for each in seen)
+    if behind is None:
+        return Behind(color, radius * longer, mask)
+    given = behind.mask[:]
+    return Behind(
+        behind.color[:].where(given, color),
+        behind.signed_radius[:].where(given, radius * longer),
+        given | mask,
+    )
 
 
 def _behind(loaded: Loaded, outcome: Outcome, longer: float) -> Behind:

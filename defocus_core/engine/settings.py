@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
@@ -32,7 +33,7 @@ class Settings:
     threads: int = 1
     tile: int | None = None
     infinity: float | None = None
-    depth_repair: str = "auto"
+    depth_repair: str | DepthRepair = "auto"
     edge_width: float | None = None
     dual_pixel: DualPixel = field(default_factory=DualPixel)
 
@@ -46,7 +47,7 @@ class Settings:
             raise ValueError(f"{problem}; DualPixel() has ideal halves")
         find(self.quality)
         flag("left_right", self.left_right)
-        repair_options(self.depth_repair, self.edge_width)
+        _ = self.repair  # checks both
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
@@ -67,7 +68,13 @@ class Settings:
     @property
     def repair(self) -> RepairOptions:
         """Whether, and by which knowledge, depth is repaired."""
-        return repair_options(self.depth_repair, self.edge_width)
+        asked = "auto" if isinstance(self.depth_repair, DepthRepair) else self.depth_repair
+        return repair_options(asked, self.edge_width)
+
+    @property
+    def decided_repair(self) -> DepthRepair | None:
+        """The repair where it is decided already, as for a shot."""
+        return self.depth_repair if isinstance(self.depth_repair, DepthRepair) else None
 
     @property
     def by_scene(self) -> bool:
