@@ -16,7 +16,7 @@ from defocus_cli.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, dec
 from defocus_cli.depth_formats.samples import Samples, divided
 from defocus_cli.depth_formats.sidecars import marked_pixels
 from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
-from defocus_cli.system.arrays import IN_MEMORY, Keeping, Scratch, Windows, bands, count_of
+from defocus_cli.system.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
-
-    from defocus_cli.formats.color import Color
 
 
 @dataclass(frozen=True)
@@ -214,56 +212,6 @@ def require_valid(depth: Depth) -> None:
             "or --invalid far, or fill"
         )
     raise InputError(depth.path, problem, remedy)
-
-
-def resized(depth: Depth, color: Color, how: str, keeping: Keeping) -> Depth:
-    """The depth at the size of its colour; any mean of two surfaces is one that is not there.
-
-    Args:
-        depth: the depth.
-        color: its colour.
-        how: nearest, for the depth of the nearest pixel centre; guided, for edges where the
-            colours change.
-        keeping: where the result is to be kept.
-
-    Raises:
-        InputError: the two sizes differ in their aspect by more than a pixel, or the file holds
-            radii, which are px of its own size; or guided, pixels are invalid.
-    """
-    import numpy as np
-
-    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
-    if depth.is_radius:
-        problem = f"holds radii in px of a picture of {columns}x{rows} px"
-        raise InputError(depth.path, problem, "give radii of the size of the colour")
-    if abs(width * rows - height * columns) > max(width, height, rows, columns):
-        problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        raise InputError(depth.path, problem, "cut depth and colour to one aspect")
-    metres = keeping.new((height, width), np.float32)
-    if how == "guided":
-        require_valid(depth)
-        _fill_guided(metres, depth, color)
-        note = f"{depth.note}, {columns}x{rows} px resized, guided by the colours"
-        return replace(depth, metres=metres, note=note)
-    across = ((np.arange(width) + 0.5) * columns / width).astype(int)
-    down = ((np.arange(height) + 0.5) * rows / height).astype(int)
-    for band in bands((height, width)):
-        first, last = int(down[band][0]), int(down[band][-1])
-        metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
-    note = f"{depth.note}, {columns}x{rows} px resized by nearest"
-    return replace(depth, metres=metres, note=note)
-
-
-def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
-    """Fill [H, W] with the depth of another size, its edges where the colours change."""
-    import torch
-
-    from defocus_core import GuidedDepth
-
-    given = torch.from_numpy(depth.metres[:].astype("float32"))
-    guided = GuidedDepth(given, Windows(color.planes, "cpu"))
-    for rows in bands(metres.shape):
-        metres[rows] = guided[rows].numpy()
 
 
 def _strided(samples: Samples, step: int) -> Samples:

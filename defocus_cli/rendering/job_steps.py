@@ -249,6 +249,7 @@ def read(
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.elements.alpha import element_depth
     from defocus_cli.formats.color import read_color, require_finite
+    from defocus_cli.rendering.resized_depth import of_size
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
@@ -280,28 +281,10 @@ def read(
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(picture.color, problem, "give the depth file as a second argument")
-    depth = element_depth(_of_size(depth, color, reading, keeping), color, keeping)
+    depth = element_depth(of_size(depth, color, reading, keeping), color, keeping)
     require_valid(depth)
     require_finite(color)
     return color, depth
-
-
-def _of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> Depth:
-    """The depth of the size of the colour.
-
-    Raises:
-        InputError: it is of another one, and is not to be resized.
-    """
-    from defocus_cli.depth_formats.depth import resized
-
-    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
-    if (height, width) == (rows, columns):
-        return depth
-    if reading.resize_depth is None:
-        problem = f"is {columns}x{rows} px but {color.path} is {width}x{height} px"
-        remedy = "give depth of the size of the colour, or say --resize-depth guided, or nearest"
-        raise InputError(depth.path, problem, remedy)
-    return resized(depth, color, reading.resize_depth, keeping)
 
 
 def require_view(picture: Picture, reading: Reading) -> None:
