@@ -74,7 +74,7 @@ def revived(record: Record, out: Path) -> Job:
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
     """The picture whose files have roles with a prefix."""
-    color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
+    color, depth = (input_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
     others: dict[str, Any] = {
         role: _picture(stem, inputs, out, f"{role}_")
         for role in OTHERS
@@ -102,7 +102,7 @@ def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Sho
     return Shot(taken(asked["sample"]), window, taken(asked["focus"]), asked.get("motion"))
 
 
-def _place(recorded: str, out: Path) -> Path:
+def input_place(recorded: str, out: Path) -> Path:
     """A path of the journal, relative to the working directory."""
     if Path(recorded).is_absolute():
         return Path(recorded)

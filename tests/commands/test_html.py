@@ -25,11 +25,36 @@ fnumber = 2
 focus = "2m"
 blades = 6
 blade-rotation = 15
+blade-curvature = 0.25
+sharp-range = "1.9m..2.1m"
 [reading]
 depth-unit = "m"
+depth-scale = 0.7
+sky = 2.7
 [outputs]
 kinds = ["render", "left", "right", "coc", "trust"]
 exr-type = "float"
+"""
+PERCENTILE = """
+[inputs]
+color = "rgb/*.exr"
+depth = "depth/*.exr"
+[lens]
+focal-length = "50.5mm"
+fnumber = 2
+focus = "percentile(30)"
+sensor-width = "24mm"
+aperture-image = "star.exr"
+[reading]
+depth-range = ["1m", "5m"]
+depth-kind = "depth"
+radial = true
+fov = "60deg"
+[outputs]
+kinds = ["left", "right"]
+multiview = true
+[machine]
+quality = "draft"
 """
 
 
@@ -64,6 +89,7 @@ def test_all_pairs_are_items_with_what_they_have(folders: tuple[Path, Path]) -> 
     assert shifted["words"] == "shifted by (2, 0)"
     assert keys(shifted) == ["a", "b", "difference"]
     assert keys(shifted, valued=True)[:2] == ["a", "b"]
+    assert keys(item(file, "same.exr")) == ["b"]
     assert keys(item(file, "same.exr"), valued=True) == []
     assert keys(item(file, "gone.exr")) == ["a"]
     assert keys(item(file, "bad.exr")) == []
@@ -179,6 +205,27 @@ def test_a_batch_shows_its_samples_and_how_to_render_them_again(
         one, other = read_exr(Path("out") / name), read_exr(Path("again") / name)
         assert all(np.array_equal(one[channel], other[channel]) for channel in one)
     assert files_under(Path("again")) == {p for p in files_under(Path("out")) if "/a." in p}
+
+
+def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    star = np.zeros((32, 32), np.float32)
+    star[8:24, 12:20] = 1.0
+    write_exr(tmp_path / "star.exr", Y=star)
+    jobs = jobs_file(tmp_path, text=PERCENTILE)
+    for path in (tmp_path / "depth").iterdir():
+        write_exr(path, Z=np.linspace(0.1, 0.9, 384, dtype=np.float32).reshape(16, 24))
+    file = Path("batch.html")
+    ran = run("batch", jobs, "-o", "out", "--html", file, "--processes", "1", "--threads", "1")
+    assert ran.code == 0, ran.err
+    assert keys(item(file, "a")) == ["input", "left", "right"]
+    assert item(file, "a")["wiggle"] == ["left", "right"]
+    again = run_command(file, "a", "Render again", "--threads", "1")
+    assert again.code == 0, again.err
+    one, other = (read_exr(Path(out) / "multiview" / "a.exr") for out in ("out", "again"))
+    assert all(np.array_equal(one[channel], other[channel]) for channel in one)
 
 
 def test_a_finished_batch_is_reported_afterwards(tmp_path: Path) -> None:
