@@ -29,8 +29,8 @@ from defocus_cli.system.errors import (
 from defocus_cli.system.interrupts import Terminated, put_off, terminations
 
 COMMANDS = (
-    *("render", "batch", "status", "retry", "merge"),
-    *("info", "depth", "compare", "golden", "bench", "verify", "help"),
+    *("render", "batch", "status", "report", "retry", "merge"),
+    *("info", "depth", "aperture", "compare", "golden", "bench", "verify", "help"),
 )
 
 

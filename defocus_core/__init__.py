@@ -11,7 +11,8 @@ from defocus_core.depth.conversion import (
     planar_depth,
 )
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
+from defocus_core.depth.repair import diagnose_depth, repair_depth
+from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.engine.settings import Settings
 from defocus_core.evaluation import baselines, metrics
@@ -30,8 +31,9 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.random_lens import Lenses, RandomDefocus
-from defocus_core.render import render
+from defocus_core.render import render, render_layers
 from defocus_core.sequences.motion import Frame, chained
 from defocus_core.sequences.seen_behind import seen_behind
 from defocus_core.sequences.shot_repair import agreed_repair, repair_through
@@ -56,6 +58,7 @@ __all__ = [
     "HiddenLayer",
     "Lenses",
     "Pixels",
+    "PupilImage",
     "RandomDefocus",
     "Scenery",
     "Setting",
@@ -79,6 +82,9 @@ __all__ = [
     "planar_depth",
     "quantisation",
     "render",
+    "render_layers",
+    "repair_depth",
+    "repair_options",
     "repair_through",
     "scenery",
     "seen_behind",

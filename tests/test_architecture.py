@@ -32,9 +32,9 @@ CORE_ORDER = (
     *("runtime", "renderer_version"),
 )
 CLI_ORDER = (
-    *("__main__", "main", "pytest_plugin", "commands", "options", "bench", "reports"),
+    *("__main__", "main", "pytest_plugin", "commands", "options", "html", "bench", "reports"),
     *("golden", "batch", "dataset", "journal", "rendering", "compare", "diagnosis"),
-    *("jobs", "shots", "depth_formats", "formats", "system", "__init__"),
+    *("jobs", "shots", "depth_formats", "formats", "exr", "system", "__init__"),
 )
 MOST_LINES, MOST_MODULES, MOST_TESTS = 300, 15, 40
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

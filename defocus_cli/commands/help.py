@@ -12,6 +12,7 @@ from defocus_cli.system.errors import UsageProblem
 
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",
+    "look": "bokeh: the opening of the lens, blades, mirrors, ovals",
     "depth": "depth files by format, estimated depth of photographs, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",

@@ -31,6 +31,7 @@ class Kind:
         of_radius: its values [h, w] from signed radii [h, w] in px, NumPy arrays; its preview is
             orange below 0, white at 0 and blue above 0. None of a kind that is rendered: it is the
             attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
+        views: of an image of several, the kinds that are the views of its one EXR file.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
     """
@@ -40,6 +41,7 @@ class Kind:
     image: bool = False
     halves: bool = False
     of_radius: Callable[[NDArray[Any]], NDArray[Any]] | None = None
+    views: tuple[str, ...] = ()
     title: str = ""
     unit: str = ""
 
@@ -57,7 +59,16 @@ class Kind:
         """
         if not self.rendered:  # computed from the radii while it is written
             return 0
-        return channels * sample_bytes if self.image else 4
+        return channels * len(self.rendered_as) * sample_bytes if self.image else 4
+
+    @property
+    def rendered_as(self) -> tuple[str, ...]:
+        """The attributes of `defocus_core.Views` that the file holds."""
+        return self.views or (self.name,)
+
+    def suffix(self, image_format: str) -> str:
+        """The suffix of its files where images are of a format."""
+        return SUFFIXES[image_format] if self.image and not self.views else ".exr"
 
 
 _ROWS = (
@@ -82,6 +93,13 @@ _ROWS = (
         "trust",
         "share of the lens that saw what the picture holds: 1 is nothing invented",
         title="trust map (share of the lens that saw what the picture holds)",
+    ),
+    Kind(
+        "multiview",
+        "left and right as the views of one EXR",
+        image=True,
+        halves=True,
+        views=("left", "right"),
     ),
 )
 KINDS = {kind.name: kind for kind in _ROWS}

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.sidecars import files_beside
-from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
+from defocus_cli.formats.kinds import KINDS, PREVIEW, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
+from defocus_cli.system.errors import UsageProblem
 
 QUALITIES = ("draft", "standard", "high", "reference")
-DEPTH_REPAIRS = ("auto", "off")
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
 TILES = (16, 1 << 14)  # px; of defocus_core, too
@@ -84,9 +84,26 @@ class Lens:
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
+    sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
+    blade_curvature: float = 0.0
+    obstruction: float = 0.0
+    spherical: float = 0.0
+    squeeze: float = 1.0
+    aperture_image: Path | None = None
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)
+
+    @property
+    def effects(self) -> dict[str, Any]:
+        """Its effects that are on, by the names of their fields: what a lens is without blades."""
+        values = {name: getattr(self, name) for name in EFFECTS}
+        effects = {name: value for name, value in values.items() if value != EFFECTS[name]}
+        if self.aperture_image is not None:
+            effects["aperture_image"] = self.aperture_image.name
+        if self.sharp_range is not None:
+            effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        return effects
 
     @property
     def is_shape(self) -> bool:
@@ -94,11 +111,32 @@ class Lens:
         return math.isnan(self.foclen)
 
 
+# Fields of effects that most lenses have not got, and their values if they are off.
+EFFECTS = {
+    field.name: field.default
+    for field in fields(Lens)
+    if field.name
+    in (
+        *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
+        *("aperture_image",),
+    )
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Reading(DepthReading):
-    """What to take from the input files, and how to read it."""
+    """What to take from the input files, and how to read it.
+
+    Attributes:
+        color_layer: colour layer of an EXR.
+        depth_repair: auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px.
+        edge_width: px of the widest soft edges of depth, 0 if none are soft; None: as found.
+    """
 
     color_layer: str | None = None
+    depth_repair: str = "auto"
+    edge_width: float | None = None
+    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
 
 
 @dataclass(frozen=True)
@@ -112,6 +150,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
     def rows(self) -> list[Kind]:
@@ -125,23 +164,38 @@ class Outputs:
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
-        suffix = SUFFIXES[self.format]
-        names = {k.name: f"{k.name}/{stem}{suffix if k.image else '.exr'}" for k in self.rows}
+        names = {k.name: f"{k.name}/{stem}{k.suffix(self.format)}" for k in self.rows}
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
 
 
+def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The kinds of output with left and right in one file.
+
+    Args:
+        kinds: as they were asked for.
+        where: option or key that asks for one file, for errors.
+
+    Raises:
+        UsageProblem: left or right is not among them.
+    """
+    row = KINDS["multiview"]
+    if missing := [view for view in row.views if view not in kinds]:
+        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
+        raise UsageProblem(where, problem, "name both, like left,right")
+    return (*(kind for kind in kinds if kind not in row.views), row.name)
+
+
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. ``quality`` or ``tolerance``, and ``depth_repair``, decide the pictures.
+    """How to compute. ``quality`` or ``tolerance`` decide the pictures.
 
     ``tile`` changes their last digits, too; the other fields change nothing in them.
     """
 
     quality: str = "standard"
     tolerance: float | None = None  # px of CoC radius, instead of a quality
-    depth_repair: str = "auto"  # off: depth is used as it is read
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available
@@ -206,6 +260,8 @@ class Job:
     def files(self) -> dict[str, Path]:
         """Its inputs by role: those of the picture, those beside its depth, those of its shot."""
         files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
+        if self.lens.aperture_image is not None and self.outputs.need_rendering:
+            files["aperture_image"] = self.lens.aperture_image
         return files if self.shot is None else files | self.shot.files
 
     @property
@@ -254,6 +310,7 @@ def lens_record(lens: Lens) -> dict[str, Any]:
         "blades": lens.blades,
         "blade_rotation_deg": lens.blade_rotation,
     }
+    record |= lens.effects
     if lens.focus_at is not None:
         record["focus_at_px"] = list(lens.focus_at)
     if lens.focus_percentile is not None:
@@ -273,6 +330,7 @@ def lens_words(lens: Lens) -> str:
 def lens_record_words(lens: Mapping[str, Any]) -> str:
     """A record of a lens in words."""
     shape = f", {lens['blades']} blades" if lens["blades"] else ""
+    shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in EFFECTS if name in lens)
     if lens["focal_length_mm"] is None:
         return f"radii of the file{shape}"
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""

@@ -12,7 +12,7 @@ A TOML file with the tables
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-format and the other options of reading, see `defocus_cli.jobs.reading_options`
   [outputs]   kinds, format, exr-type, jpeg-quality, preview
-  [machine]   quality, or tolerance, like "1px"; depth-repair, "auto" or "off"
+  [machine]   quality, or tolerance, like "1px"; depth-repair may stand here instead
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
 not.
@@ -28,7 +28,7 @@ from typing import Any
 
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs, read_whole_shot
-from defocus_cli.jobs.job import DEPTH_REPAIRS, QUALITIES, Job, Lens, Machine, Outputs, Reading
+from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading, in_one_file
 from defocus_cli.jobs.lens_plan import read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
@@ -62,7 +62,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     stored = read_toml(path, what="jobs file", remedy=remedy)
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
-    reading = _reading(named["reading"], named["lens"])
+    reading = _reading(named["reading"], named["lens"], named["machine"])
     plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
@@ -95,16 +95,25 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     )
 
 
-def _reading(section: Table, lens: Table) -> Reading:
+def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     """The options of ``[reading]``, over those of the lens file."""
     section.refuse_unknown(NAMES_OF_OPTIONS)
+    values = reading_values(section.values, section.place)
+    if "depth-repair" in machine.values:
+        if "depth-repair" in section.values:
+            problem = "stands in [reading], too"
+            raise UsageProblem(machine.place("depth-repair"), problem, "keep one of them")
+        repair = {"depth-repair": machine.values["depth-repair"]}
+        values |= reading_values(repair, machine.place)
     file = lens.text("file")
     below = lens_file_reading(None if file is None else lens.file.parent / file)
-    return make_reading(reading_values(section.values, section.place), below)
+    return make_reading(values, below, section.place("edge-width"))
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(("kinds", "format", "exr-type", "jpeg-quality", "preview"))
+    section.refuse_unknown(
+        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan")
+    )
     name = section.values.get("format")
     if isinstance(name, str):
         aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -115,8 +124,12 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "exr_type": section.choice("exr-type", ("half", "float")),
         "jpeg_quality": section.whole("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
+        "keep_overscan": section.flag("keep-overscan"),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
+    if section.flag("multiview"):
+        kinds = in_one_file(outputs.kinds, section.place("multiview"))
+        outputs = dataclasses.replace(outputs, kinds=kinds)
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"
@@ -140,14 +153,13 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
 
 def _machine(section: Table, machine: Machine) -> Machine:
     section.refuse_unknown(("quality", "tolerance", "depth-repair"))
-    values = {
+    values: dict[str, Any] = {
         "quality": section.choice("quality", QUALITIES),
         "tolerance": section.parsed("tolerance", pixel_count),
     }
     if None not in values.values():
         remedy = "keep one of them"
         raise UsageProblem(section.place("tolerance"), "stands beside quality", remedy)
-    values["depth_repair"] = section.choice("depth-repair", DEPTH_REPAIRS)
     return dataclasses.replace(machine, **_present(values))
 
 

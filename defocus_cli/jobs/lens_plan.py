@@ -14,14 +14,16 @@ from defocus_cli.jobs.inputs import Entry
 from defocus_cli.jobs.job import Draw, Lens
 from defocus_cli.jobs.lens_options import (
     ALTERNATIVES,
+    OF_BLADES,
     PARSERS,
+    based,
     checked,
     lens_of,
     merged,
     parsed,
     read_lens_file,
     refuse_contradiction,
-    refuse_idle_turn,
+    refuse_idle,
     refuse_missing,
     refuse_near_focus,
     refuse_optics,
@@ -103,7 +105,7 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     """
     lens.refuse_unknown(KEYS)
     own = {
-        name: checked(name, lens.values[name], lens.place(name))
+        name: based(name, checked(name, lens.values[name], lens.place(name)), lens.file)
         for name in PARSERS
         if name in lens.values
     }
@@ -150,8 +152,9 @@ def _check_lens(options: Mapping[str, str], source: str, *, radii: bool) -> None
         nearest = min(_extremes(options, "focus"), default=math.inf)
         longest = max(_extremes(options, "focal-length"))
         refuse_near_focus(nearest, longest, f"{source}focus")
-    turned, bladed = (any(_extremes(options, name)) for name in ("blade-rotation", "blades"))
-    refuse_idle_turn(turned, bladed, source)
+    bladed = any(_extremes(options, "blades"))
+    for name in OF_BLADES:
+        refuse_idle(name, any(_extremes(options, name)), bladed, source)
 
 
 def _extremes(options: Mapping[str, str], name: str) -> list[float]:

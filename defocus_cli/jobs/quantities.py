@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import Path
 from typing import TypeVar
 
 from defocus_cli.system.errors import UsageProblem
@@ -61,6 +62,20 @@ def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
 def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
     return _positive(text, "a length", "like 2m or 50mm", _MM)
+
+
+def distances(text: str) -> tuple[float, float]:
+    """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
+
+    They are as they are written: the range holds both.
+    """
+    ends = text.split("..")
+    if len(ends) != 2:
+        raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
+    near, far = length(ends[0]), math.inf if ends[1].strip() == "inf" else length(ends[1])
+    if near > far:
+        raise QuantityError(f"'{text}' ends before it begins", "write the nearer distance first")
+    return near, far
 
 
 def focus(text: str) -> float | Percentile:
@@ -122,6 +137,25 @@ def blades(text: str) -> int:
             f"{count} blades are too many", f"give at most {MOST_BLADES}, or 0 (round)"
         )
     return count
+
+
+def within(least: float, most: float, what: str, example: str) -> Callable[[str], float]:
+    """A parser of plain numbers from ``least`` to ``most``."""
+
+    def parse(text: str) -> float:
+        value = float(_number(text, what, example, {"": 1}))
+        if not least <= value <= most:
+            raise QuantityError(f"'{text}' is not {what}", f"give {least:g} to {most:g}, {example}")
+        return value
+
+    return parse
+
+
+def file(text: str) -> Path:
+    """The path of a file."""
+    if not text or "\0" in text:
+        raise QuantityError(f"{text!r} is not the name of a file", "write it like pupil.png")
+    return Path(text)
 
 
 def pixel(text: str) -> tuple[int, int]:

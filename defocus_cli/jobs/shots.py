@@ -106,7 +106,7 @@ def with_shot(
         if _is_found(job) and (together.focus_smooth or moving):
             averaged = window_of(len(every), place, together.focus_smooth or 1)
             focus = tuple(Taken(every[k], lens_of(every[k], job.suffix)) for k in averaged)
-        repairs = steady and job.machine.depth_repair == "auto"
+        repairs = steady and job.reading.depth_repair != "off"
         decides = repairs or (steady and _is_found(job) and not focus)
         neighbours = window_of(len(every), place, _WINDOW) if repairs or together.motion else ()
         made = Shot(

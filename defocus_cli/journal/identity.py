@@ -1,7 +1,7 @@
 """The identity of a job: the hash of its settings and of the bytes of its inputs.
 
 The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
-kinds and types of outputs, quality, whether depth is repaired, the names of its files, and the
+kinds and types of outputs, quality, the names of its files, and the
 version of the renderer. Where it computes (device, threads), where OUT is and what time it is are
 no part of it. The job itself is the hash of its recipe and its inputs.
 
@@ -40,7 +40,9 @@ _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and
 def settings(job: Job) -> dict[str, Any]:
     """The settings of a job as plain values, without its inputs, OUT and the machine."""
     outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
-    lens = {k: v for k, v in _plain(job.lens).items() if k != "focus_source"}
+    lens = {
+        k: v for k, v in _plain(job.lens).items() if k not in ("focus_source", "aperture_image")
+    }
     return {
         "stem": job.picture.stem,
         "suffix": job.suffix,
@@ -49,7 +51,6 @@ def settings(job: Job) -> dict[str, Any]:
         "outputs": outputs,
         "quality": job.machine.quality,
         **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
-        **({} if job.machine.depth_repair == "auto" else {"depth_repair": "off"}),
         **({} if job.machine.tile is None else {"tile": job.machine.tile}),
         **({} if job.shot is None else {"shot": shot_settings(job.shot, job.picture.frame)}),
     }

@@ -53,12 +53,11 @@ def revived(record: Record, out: Path) -> Job:
         job = Job(
             picture,
             typed(Lens, asked["lens"]),
-            typed(Reading, asked["reading"]),
+            typed(Reading, {**_earlier_repair(asked), **asked["reading"]}),
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
             Machine(
                 quality=asked["quality"],
                 tolerance=asked.get("tolerance"),
-                depth_repair=asked.get("depth_repair", "auto"),
                 tile=asked.get("tile"),
             ),
             asked["suffix"],
@@ -92,6 +91,11 @@ def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Sho
 
     window = tuple(picture(frame) for frame in asked["window"])
     return Shot(taken(asked["sample"]), window, taken(asked["focus"]), asked.get("motion"))
+
+
+def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The repair of depth as earlier versions recorded it, beside the reading."""
+    return {name: asked[name] for name in ("depth_repair",) if name in asked}
 
 
 def _place(recorded: str, out: Path) -> Path:

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from defocus_cli.jobs.job import Lens, Reading
-from defocus_cli.jobs.lens_options import PARSERS, make_lens
+from defocus_cli.jobs.lens_options import PARSERS, SHAPES, make_lens
 from defocus_cli.jobs.reading_options import lens_file_reading
 from defocus_cli.options.types import Decorator, FilePath, Quantity, bundle, grouped_option
 
@@ -25,11 +25,35 @@ _LENS_HELP = {
         "Distance in focus, like 2m or inf; or percentile(50) of the depth.",
     ),
     "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
+    "sharp-range": (
+        "A..B",
+        "Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged elsewhere.",
+    ),
     "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
     "blade-rotation": (
         "DEG",
         "Where a vertex of the polygon points, counter-clockwise from +x as seen in the image, "
         "for points beyond the focus.",
+    ),
+    "blade-curvature": ("0…1", "Curvature of the blades: 0 is straight, 1 round.  [default: 0]"),
+    "obstruction": (
+        "0…0.95",
+        "Opaque share of the radius in the middle, as a mirror lens has, like 0.4.  [default: 0]",
+    ),
+    "spherical": (
+        "-1…1",
+        "Spherical aberration: above 0, bright rings beyond the focus and soft discs nearer; below "
+        "0, the reverse.  [default: 0]",
+    ),
+    "squeeze": (
+        "1…4",
+        "Squeeze of an anamorphic lens: ovals so many times taller than wide, like 2.  "
+        "[default: 1]",
+    ),
+    "aperture-image": (
+        "FILE",
+        "Picture of the opening instead of blades, grey, PNG, EXR or NPY: bright is open, as a "
+        "point beyond the focus shows it.",
     ),
 }
 
@@ -65,3 +89,13 @@ def lens_options(*, required: bool) -> Decorator:
 def lens_decorators() -> list[Decorator]:
     """The options of a lens, and the one of a lens file."""
     return [*map(_lens_option, _LENS_HELP), _lens_file_option()]
+
+
+def shape_options() -> Decorator:
+    """Hand a command ``lens``: the shape of an opening, and no more of a lens."""
+
+    def make(lens_file: Path | None, **values: Any) -> Lens:
+        flags = {name.replace("_", "-"): value for name, value in values.items()}
+        return make_lens(flags, lens_file, radii=True)
+
+    return bundle("lens", make, [*map(_lens_option, SHAPES), _lens_file_option()])

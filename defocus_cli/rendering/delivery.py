@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.quantities import length_text
-from defocus_cli.system.arrays import Stack
+from defocus_cli.rendering.contents import contents_of
+from defocus_cli.rendering.depth_repair import repair_attribute
+from defocus_cli.system.arrays import Beside, Stack
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import written_together
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from defocus_cli.formats.kinds import Kind
     from defocus_cli.jobs.job import Lens
     from defocus_cli.rendering.outcome import Outcome, Rendering
-
-
-class _OfRadius:
-    """A map that is computed from the signed radii [H, W], a few rows at a time."""
-
-    def __init__(self, radius: Any, compute: Callable[[Any], Any]) -> None:
-        self._radius, self._compute = radius, compute
-        self.shape, self.dtype = radius.shape, radius.dtype
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        values: NDArray[Any] = self._compute(self._radius[rows])
-        return values
 
 
 def write(rendering: Rendering) -> Outcome:
@@ -51,38 +38,38 @@ def write(rendering: Rendering) -> Outcome:
 
 def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
+    from defocus_cli.exr.writing import write_exr
     from defocus_cli.formats.encode import write_image
-    from defocus_cli.formats.exr import write_exr
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
-    color, job, warnings = rendering.color, rendering.outcome.job, []
+    job, contents = rendering.outcome.job, contents_of(rendering, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    planes = (
-        (_OfRadius(rendering.radius, kind.of_radius),)
-        if kind.of_radius
-        else rendering.images[kind.name]
-    )
-    attributes = _attributes(rendering.outcome, kind)
+    attributes, warnings = _attributes(rendering.outcome, kind), []
     if kind.image:
+        carried = {
+            k: v for k, v in rendering.color.attributes.items() if not kind.views or k != "view"
+        }
         lost = write_image(
             path,
-            Stack(planes),
-            color.channels,
+            Stack(contents.planes),
+            contents.names,
             exr_type=job.outputs.exr_type,
             bits=16 if job.outputs.format == "png16" else 8,
             jpeg_quality=job.outputs.jpeg_quality,
-            attributes={**color.attributes, **attributes},
-            extras=color.extras,
-            corner=color.corner,
+            attributes={**carried, **attributes},
+            extras=contents.extras,
+            layout=contents.layout,
             clamped=rendering.clamped.get(kind.name, 0),
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     else:
-        write_exr(path, {kind.name: planes[0]}, attributes, color.corner)
+        write_exr(path, {kind.name: contents.planes[0]}, attributes, contents.layout)
     if preview is not None and kind.of_radius:
-        write_signed_preview(preview, planes[0])
+        write_signed_preview(preview, contents.planes[0])
     elif preview is not None:
-        write_preview(preview, Stack(planes))
+        count = len(contents.planes) // len(kind.rendered_as)
+        views = range(0, len(contents.planes), count)
+        write_preview(preview, Beside([Stack(contents.planes[n : n + count]) for n in views]))
     return warnings
 
 
@@ -97,14 +84,31 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
+        **_repair(outcome, kind),
         **_optics(lens),
         "blades": str(lens.blades),
         "blade_rotation": f"{lens.blade_rotation:.9g}deg",
+        **{name: str(value) for name, value in lens.effects.items()},
         "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
         "quality": outcome.quality,
         "device": outcome.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}
+
+
+def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
+    """What was asked of the repair of depth, and what it did; nothing where neither is unusual."""
+    if not kind.rendered:
+        return {}
+    reading = outcome.job.reading
+    asked = [f"--depth-repair {reading.depth_repair}"] * (reading.depth_repair != "auto")
+    if reading.edge_width is not None:
+        asked.append(f"--edge-width {reading.edge_width:g}px")
+    values = {
+        "depth_repair_asked": " ".join(asked),
+        "depth_repair": repair_attribute(outcome.repair),
+    }
+    return {name: value for name, value in values.items() if value}
 
 
 def _optics(lens: Lens) -> dict[str, str]:

@@ -11,6 +11,7 @@ from defocus_cli.rendering.focusing import quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
+from defocus_cli.rendering.overscan import overscan_of
 from defocus_cli.rendering.render_picture import rendered
 from defocus_cli.rendering.shot_decisions import decided_words, shot_focused, shot_repair
 from defocus_cli.rendering.shot_frames import with_neighbours
@@ -32,6 +33,9 @@ def load_inputs(job: Job) -> Loaded:
         InputError: an input cannot be used.
         UsageProblem: the options make no sense for it.
     """
+    if job.reading.blur_channels and job.outputs.format != "exr":
+        problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
+        raise UsageProblem("--blur-channels", problem, "use --format exr")
     picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
@@ -66,7 +70,7 @@ def compute(
     """
     outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
-        return Rendering(outcome, loaded.color, radius, {}, {})
+        return Rendering(outcome, loaded.color, radius, {}, {}, loaded.nothing)
     outcome, quiet, seen = with_neighbours(outcome, loaded, radius, _read_for)
     return replace(rendered(loaded, quiet, outcome, progress, seen), radius=radius)
 
@@ -78,16 +82,15 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         InputError: the picture cannot be taken with this lens.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    height, width = loaded.depth.metres.shape
     lens = shot_focused(job, loaded.depth, _read_for)
-    repair = None
+    decided = None
     if job.outputs.need_rendering:
-        repair = shot_repair(job, lens, (width, height), _read_for)
+        decided = shot_repair(job, lens, loaded.depth, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
     outcome = Outcome(
         job=job,
         lens=lens,
-        size=(width, height),
+        size=loaded.depth.size,
         coc_px=ends,
         color_note=loaded.color.note,
         depth_note=loaded.depth.note,
@@ -97,8 +100,8 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
             *implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale),
             *_warnings(loaded),
         ),
-        repair=repair,
-        shot_note=decided_words(job.shot, repair),
+        decided=decided,
+        shot_note=decided_words(job.shot, decided),
     )
     return outcome, radius
 
@@ -180,28 +183,76 @@ def read(
         InputError: a file cannot be used.
         UsageProblem: the options make no sense for it.
     """
-    from defocus_cli.depth_formats.depth import read_depth, require_valid, resized
+    from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.formats.color import read_color, require_finite
+    from defocus_cli.rendering.element import element_depth
 
     shared = picture.color == picture.depth
-    color_part, depth_part = parts_of(picture, reading)
-    color = read_color(picture.color, layer=reading.color_layer, part=color_part, keeping=keeping)
-    (height, width), deeper = color.shape[:2], replace(reading, part=depth_part)
-    depth = read_depth(
-        picture.depth, deeper, keeping=keeping, size=(width, height), lens_focal=lens_focal
+    parts = parts_of(picture, reading)
+    require_view(picture, reading)
+    overscan = overscan_of(picture, reading, parts)
+    color = read_color(
+        picture.color,
+        layer=reading.color_layer,
+        part=parts[0],
+        view=reading.view,
+        keeping=keeping,
+        overscan=overscan,
+        blur_channels=reading.blur_channels,
     )
+    depth = read_depth(
+        picture.depth,
+        replace(reading, part=parts[1]),
+        keeping=keeping,
+        size=color.size,
+        lens_focal=lens_focal,
+        overscan=overscan,
+        alpha=color.alpha,
+    )
+    radial = (reading.geometry or reading.row.geometry) == "radial"
+    if radial and color.pixel_aspect != 1:
+        problem = "holds distances to the point, and the pixels of the colour are not square"
+        raise InputError(picture.depth, problem, "convert it to depth along the axis")
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(picture.color, problem, "give the depth file as a second argument")
-    rows, columns = depth.metres.shape
-    if (height, width) != (rows, columns):
-        if reading.resize_depth is None:
-            raise InputError(
-                picture.depth,
-                f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
-                "give depth of the size of the colour, or say --resize-depth nearest",
-            )
-        depth = resized(depth, (width, height), keeping)
+    depth = element_depth(_of_size(depth, color, reading, keeping), color, keeping)
     require_valid(depth)
     require_finite(color)
     return color, depth
+
+
+def _of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> Depth:
+    """The depth of the size of the colour.
+
+    Raises:
+        InputError: it is of another one, and is not to be resized.
+    """
+    from defocus_cli.depth_formats.depth import resized
+
+    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
+    if (height, width) == (rows, columns):
+        return depth
+    if reading.resize_depth is None:
+        problem = f"is {columns}x{rows} px but {color.path} is {width}x{height} px"
+        remedy = "give depth of the size of the colour, or say --resize-depth nearest"
+        raise InputError(depth.path, problem, remedy)
+    return resized(depth, (width, height), keeping)
+
+
+def require_view(picture: Picture, reading: Reading) -> None:
+    """Refuse the name of a view for files of which none has views.
+
+    Raises:
+        InputError: neither the colour nor the depth file has any.
+    """
+    from defocus_cli.exr.header import is_exr, read_headers
+    from defocus_cli.exr.views import views_of
+    from defocus_cli.system.safe_files import read_head
+
+    if reading.view is None:
+        return
+    exrs = [path for path in (picture.color, picture.depth) if is_exr(read_head(path))]
+    if not any(views_of(read_headers(path)) for path in exrs):
+        problem = f"has no views, and so no view {reading.view}"
+        raise InputError(picture.color, problem, "leave --view out")

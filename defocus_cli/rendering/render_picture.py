@@ -7,12 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
+from defocus_cli.rendering.opening import aperture_in_pixels
+from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory
-from defocus_cli.system.arrays import Windows, bands
+from defocus_cli.system.arrays import Windows, bands, times
 from defocus_cli.system.errors import TooLarge
 from defocus_cli.system.process import set_to_render
 
@@ -55,13 +57,13 @@ def rendered(
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     outcome = replace(
         outcome,
-        repair_note=repair_words(stream.repair),
+        repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
+    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -117,24 +119,29 @@ def stream_of(
         outcome: the job, and what is known of it so far.
         seen: what other frames have seen of what is hidden.
     """
-    from defocus_core import Aperture, Settings, Stream
+    from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = Windows(loaded.color.planes, device)
-    infinity = None if loaded.depth.is_radius else radius_at_infinity(lens, outcome.size)
+    aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
+    infinity = None
+    if not loaded.depth.is_radius:
+        infinity = longer * radius_at_infinity(lens, outcome.size)
     return Stream(
         image,
-        Windows([radius], device, lone=True),
+        Windows([times(radius, longer)], device, lone=True),
         Settings(
-            aperture=Aperture(lens.blades, lens.blade_rotation),
+            aperture=aperture,
             quality=outcome.quality,
             left_right=any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,
             tile=job.machine.tile,
             infinity=infinity,
-            depth_repair=job.machine.depth_repair if outcome.repair is None else outcome.repair,
+            depth_repair=job.reading.depth_repair,
+            edge_width=job.reading.edge_width,
+            decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
         ),
-        _hidden(loaded, outcome, seen),
+        _hidden(loaded, outcome, seen, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
@@ -143,7 +150,7 @@ class _Images:
     """The images of a job while they are rendered.
 
     Attributes:
-        planes: each rendered kind's arrays [H, W]: C of an image, one of a map.
+        planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
     """
 
@@ -155,6 +162,7 @@ class _Images:
             if not kind.rendered:
                 continue
             count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
+            count *= len(kind.rendered_as)
             self.planes[kind.name] = tuple(
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
@@ -163,13 +171,15 @@ class _Images:
         """Copy a rendered region to its place."""
         import numpy as np
 
-        from defocus_cli.formats.exr import clamped_half
+        from defocus_cli.exr.writing import clamped_half
         from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = to_array(getattr(part, kind)).reshape(len(planes), height, width)
+            views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
+            pixels = views[0] if len(views) == 1 else np.concatenate(views)
+            pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 if beyond.any():
@@ -179,14 +189,17 @@ class _Images:
                 plane[rows, columns] = values
 
 
-def _hidden(loaded: Loaded, outcome: Outcome, seen: HiddenLayer | None) -> Behind | None:
+def _hidden(
+    loaded: Loaded, outcome: Outcome, seen: HiddenLayer | None, longer: float
+) -> Behind | None:
     """The known hidden layer: that of files, and beside it what other frames have seen."""
     from defocus_core import Behind
 
-    behind = None if loaded.behind is None else _behind(loaded, outcome)
+    behind = None if loaded.behind is None else _behind(loaded, outcome, longer)
     if seen is None:
         return behind
     color, radius, mask = (each.to(outcome.device) for each in seen)
+    radius = radius * longer
     if behind is None:
         return Behind(color, radius, mask)
     given = behind.mask[:]
@@ -197,7 +210,7 @@ def _hidden(loaded: Loaded, outcome: Outcome, seen: HiddenLayer | None) -> Behin
     )
 
 
-def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
+def _behind(loaded: Loaded, outcome: Outcome, longer: float) -> Behind:
     """The hidden layer: it is unknown where depth is inf and colour 0."""
     import numpy as np
 
@@ -214,6 +227,6 @@ def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
     device = outcome.device
     return Behind(
         Windows(color.planes, device),
-        Windows([radius], device, lone=True),
+        Windows([times(radius, longer)], device, lone=True),
         Windows([known], device, lone=True),
     )

@@ -41,7 +41,7 @@ def with_neighbours(
         radius: signed CoC radius in px, [H, W].
         read: decodes the picture of a job.
     """
-    job, repair, seen = outcome.job, outcome.repair, None
+    job, repair, seen = outcome.job, outcome.decided, None
     if job.shot is None or len(job.shot.window) < _FEWEST:
         return outcome, radius, None
     quiets = repair is not None and repair.noise is not None

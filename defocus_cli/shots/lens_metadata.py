@@ -14,7 +14,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_cli.formats.exr_header import Raw, Window, is_exr, read_headers
+from defocus_cli.exr.header import Raw, is_exr, read_headers
+from defocus_cli.exr.windows import Window
 from defocus_cli.formats.tags import tags_of
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.interrupts import put_off

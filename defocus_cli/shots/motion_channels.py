@@ -12,8 +12,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from defocus_cli.formats.exr import read_parts
-from defocus_cli.formats.exr_header import is_exr, read_headers
+from defocus_cli.exr.header import is_exr, read_headers
+from defocus_cli.exr.reading import read_parts
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import read_head
 

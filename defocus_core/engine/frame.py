@@ -13,7 +13,8 @@ from defocus_core.images.box import Box
 from defocus_core.images.tiling import Grid
 from defocus_core.layers.octaves import Turns
 from defocus_core.layers.quality import Quality
-from defocus_core.optics.aperture import LEFT, RIGHT, Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import LEFT, RIGHT, Part
 
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
 NEIGHBOURHOOD = 24

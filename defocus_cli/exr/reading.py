@@ -1,39 +1,29 @@
-"""OpenEXR pixels, in and out: native half, float and uint arrays, cropped to the display window.
+"""OpenEXR pixels, in: native half, float and uint arrays of the frame.
 
-Pixels outside the data window are 0. OpenImageIO decodes a strip of rows or tiles at a time.
-Output is one scan-line part, ZIP compressed (the codec whose corruption is noticed on reading),
-without dates: the same arrays make the same bytes.
+The frame is the display window and the overscan that is asked for. Pixels outside the data window
+are 0. OpenImageIO decodes a strip of rows or tiles at a time; files of which a channel has fewer
+samples than the picture has pixels, OpenEXR decodes at once.
 """
 
 from __future__ import annotations
 
-import io
-import struct
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.exr_header import (
-    STRUCTURAL,
-    Header,
-    Raw,
-    Window,
-    header_bytes,
-    read_attributes,
-    read_headers,
-)
-from defocus_cli.formats.raster import first_line
+from defocus_cli.exr.chroma import planes_of
+from defocus_cli.exr.header import Header, read_headers
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
-from defocus_cli.system.errors import InputError, reason
+from defocus_cli.system.errors import InputError, first_line, reason
 from defocus_cli.system.interrupts import put_off
-from defocus_cli.system.safe_files import quiet, written_whole
+from defocus_cli.system.safe_files import quiet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    import numpy as np
     from numpy.typing import NDArray
 
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
@@ -43,11 +33,10 @@ _NO_PIECES = (
     "is too large to be held in --memory, and its pixels cannot be had piece by piece",
     "allow more --memory, or save it in scan lines, ZIP compressed",
 )
-_STRIP_BYTES = 1 << 25  # of pixels, decoded or encoded at once
+_STRIP_BYTES = 1 << 25  # of pixels, decoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
-_ZIP_ROWS = 16
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
 
@@ -57,8 +46,8 @@ class Part:
 
     Attributes:
         header: the part's header.
-        channels: name to native array [H, W] of the display window, in memory or in a scratch
-            file; empty for a deep part.
+        channels: name to native array [H, W] of the frame, in memory or in a scratch file; empty
+            for a deep part, and without channels of fewer samples than pixels but chroma.
     """
 
     header: Header
@@ -70,6 +59,7 @@ def read_parts(
     headers: tuple[Header, ...] | None = None,
     keeping: Keeping = IN_MEMORY,
     wanted: Callable[[Header, str], bool] = lambda header, name: True,
+    overscan: Overscan = NO_OVERSCAN,
 ) -> tuple[Part, ...]:
     """All parts of an EXR file, decoded.
 
@@ -78,18 +68,18 @@ def read_parts(
         headers: its headers, if `read_headers` has read them already.
         keeping: where the channels are to be kept.
         wanted: whether a channel of a part is wanted; the others are left out.
+        overscan: the pixels beyond the display window that are wanted, too.
 
     Raises:
-        InputError: the file cannot be read, or not all of it, or it has subsampled channels.
+        InputError: the file cannot be read, or not all of it.
     """
     headers = read_headers(path) if headers is None else headers
-    subsampled = [c.name for header in headers for c in header.channels if c.subsampled]
-    if subsampled:  # OpenImageIO does not open such a file
-        problem = f"has {', '.join(subsampled)} at a lower resolution than its other channels"
-        raise InputError(path, problem, "save it without subsampling")
     try:
         with quiet(), _unlimited():
-            return tuple(_part(path, header, keeping, wanted) for header in headers)
+            if any(header.subsampled for header in headers):  # OpenImageIO does not open it
+                planes = planes_of(path, headers, wanted, overscan)
+                return tuple(Part(*pair) for pair in zip(headers, planes, strict=True))
+            return tuple(_part(path, header, keeping, wanted, overscan) for header in headers)
     except InputError:
         raise
     except Exception as error:  # the libraries raise half a dozen types
@@ -97,19 +87,26 @@ def read_parts(
 
 
 def _part(
-    path: Path, header: Header, keeping: Keeping, wanted: Callable[[Header, str], bool]
+    path: Path,
+    header: Header,
+    keeping: Keeping,
+    wanted: Callable[[Header, str], bool],
+    overscan: Overscan,
 ) -> Part:
     types = {
         channel.name: channel.type
         for channel in header.channels
         if not header.deep and wanted(header, channel.name)
     }
-    size = (header.display.height, header.display.width)
+    frame = header.display.grown(overscan)
+    size = (frame.height, frame.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
     if channels:
         for window, piece in _pieces(path, header, types, keeping):
+            place, shown = frame.cut(window), window.cut(frame)
             for name, pixels in piece.items():
-                _paste(channels[name], pixels, window, header.display)
+                if pixels[shown].size:
+                    channels[name][place] = pixels[shown]
     return Part(header, channels)
 
 
@@ -186,99 +183,5 @@ def _decoded(
     return piece
 
 
-def _paste(whole: Any, pixels: NDArray[Any], data: Window, display: Window) -> None:
-    """Put the pixels of the data window where they lie in the display window."""
-    x0, x1 = max(data.x0, display.x0), min(data.x1, display.x1) + 1
-    y0, y1 = max(data.y0, display.y0), min(data.y1, display.y1) + 1
-    if x0 < x1 and y0 < y1:
-        shown = pixels[y0 - data.y0 : y1 - data.y0, x0 - data.x0 : x1 - data.x0]
-        whole[y0 - display.y0 : y1 - display.y0, x0 - display.x0 : x1 - display.x0] = shown
-
-
 def _damaged(path: Path, why: str) -> InputError:
     return InputError(path, f"is truncated or damaged ({why})", _AGAIN)
-
-
-def write_exr(
-    path: Path,
-    channels: Mapping[str, Any],
-    attributes: Mapping[str, object],
-    corner: tuple[int, int] = (0, 0),
-) -> None:
-    """Write one part whose pixel types are those of the arrays.
-
-    OpenEXR encodes strip after strip as a file of its own; their chunks under one header are the
-    file that it would write at once, byte for byte.
-
-    Args:
-        path: written whole or not at all.
-        channels: name to float16, float32 or uint32 array [H, W], which is read in strips of
-            rows.
-        attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
-        corner: x and y of the first pixel of both windows.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
-    carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
-    plain = {name: value for name, value in kept.items() if name not in carried}
-    height, width = next(iter(channels.values())).shape
-    (x, y), offsets = corner, b""
-    whole = Window(x, y, x + width - 1, y + height - 1)
-    box = Raw("box2i", struct.pack("<4i", *whole))
-    windows = {"dataWindow": box, "displayWindow": box}
-    with written_whole(path) as file, quiet():
-        for strip_attributes, starts, chunks in _encoded_strips(channels, plain, whole):
-            if not offsets:
-                file.write(header_bytes(strip_attributes | carried | windows))
-                table = file.tell()
-                file.write(bytes(8 * -(-height // _ZIP_ROWS)))
-            offsets += (starts + file.tell()).astype("<u8").tobytes()
-            file.write(chunks)
-        file.seek(table)
-        file.write(offsets)
-        file.seek(0, io.SEEK_END)
-
-
-def _encoded_strips(
-    channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window
-) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
-    """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
-    import numpy as np
-
-    with put_off():
-        import OpenEXR
-
-    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    row_bytes = whole.width * sum(array.dtype.itemsize for array in channels.values())
-    rows = max(1, _STRIP_BYTES // row_bytes // _ROWS) * _ROWS
-    for top in range(0, whole.height, rows):
-        strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
-        first, last = whole.y0 + top, min(whole.y0 + top + rows - 1, whole.y1)
-        corners = np.array([whole.x0, first], np.int32), np.array([whole.x1, last], np.int32)
-        encoded = io.BytesIO()
-        OpenEXR.File({**attributes, **kind, "dataWindow": corners}, strip).write(encoded)
-        encoded.seek(8)
-        strip_attributes = read_attributes(encoded)
-        count = -(-(last - first + 1) // _ZIP_ROWS)
-        starts = np.frombuffer(encoded.read(8 * count), "<u8")
-        yield strip_attributes, starts - np.uint64(encoded.tell()), encoded.read()
-
-
-def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDArray[np.bool_]]:
-    """``values`` as half, clamped to the largest finite half ±65504, and where that was needed.
-
-    NaN stays NaN and is not counted.
-    """
-    import numpy as np
-    import torch
-
-    largest = np.float32(np.finfo(np.float16).max)
-    clamped = torch.from_numpy(np.require(values, requirements="W"))
-    if not clamped.numel() or max(float(clamped.amax()), -float(clamped.amin())) <= largest:
-        beyond = np.zeros(values.shape, bool)
-    else:  # or NaN
-        beyond = np.abs(values) > largest
-        clamped = clamped.clamp(-float(largest), float(largest))
-    return clamped.half().numpy(), beyond  # ten times as fast as NumPy
