@@ -31,7 +31,9 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render, render_layers
 from defocus_core.sequences.motion import Frame, chained
@@ -43,6 +45,7 @@ from defocus_core.stream import Stream
 __all__ = [
     "ATTEMPTS",
     "DEPTH_REPAIRS",
+    "DUAL_PIXEL_MODELS",
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
@@ -53,6 +56,7 @@ __all__ = [
     "DefocusLens",
     "DepthRepair",
     "Distribution",
+    "DualPixel",
     "Errors",
     "Frame",
     "HiddenLayer",
@@ -90,4 +94,5 @@ __all__ = [
     "seen_behind",
     "temporal_mean",
     "verify",
+    "with_noise",
 ]

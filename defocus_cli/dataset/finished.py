@@ -20,7 +20,7 @@ from typing import Any
 
 from defocus_cli.dataset.sample_index import NAME
 from defocus_cli.jobs.job import EFFECTS, Lens
-from defocus_cli.jobs.quantities import distances
+from defocus_cli.jobs.quantities import distances, noise
 from defocus_cli.system.errors import InputError, reason
 
 
@@ -90,6 +90,8 @@ def _lens(entry: Mapping[str, Any], aperture_image: str | None) -> Lens:
     shape |= {name: entry[name] for name in EFFECTS if name in entry}
     if aperture_image is not None:
         shape["aperture_image"] = Path(aperture_image)
+    if "noise" in shape:
+        shape["noise"] = noise(shape["noise"])
     if "sharp_range" in shape:
         shape["sharp_range"] = distances(shape["sharp_range"])
     if entry["focal_length_mm"] is None:  # the radii came from a file

@@ -21,6 +21,7 @@ from defocus_cli.system.errors import UsageProblem
 QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
+DUAL_PIXEL_MODELS = ("split", "smooth")
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -90,6 +91,10 @@ class Lens:
     spherical: float = 0.0
     squeeze: float = 1.0
     aperture_image: Path | None = None
+    dp_model: str = "split"
+    dp_crosstalk: float = 0.0
+    noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
+    noise_seed: int = 0
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)
@@ -103,6 +108,8 @@ class Lens:
             effects["aperture_image"] = self.aperture_image.name
         if self.sharp_range is not None:
             effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.noise is not None:
+            effects["noise"] = "{:g}:{:g}".format(*self.noise)
         return effects
 
     @property
@@ -118,7 +125,7 @@ EFFECTS = {
     if field.name
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image",),
+        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed"),
     )
 }
 

@@ -29,7 +29,7 @@ from typing import Any
 from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
 from defocus_cli.jobs.inputs import read_inputs, read_whole_shot
 from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading, in_one_file
-from defocus_cli.jobs.lens_plan import read_plan
+from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
     NAMES_OF_OPTIONS,
@@ -105,9 +105,7 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
             raise UsageProblem(machine.place("depth-repair"), problem, "keep one of them")
         repair = {"depth-repair": machine.values["depth-repair"]}
         values |= reading_values(repair, machine.place)
-    file = lens.text("file")
-    below = lens_file_reading(None if file is None else lens.file.parent / file)
-    return make_reading(values, below, section.place("edge-width"))
+    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:

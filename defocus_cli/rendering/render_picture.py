@@ -11,7 +11,7 @@ from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.opening import aperture_in_pixels
+from defocus_cli.rendering.opening import aperture_in_pixels, dual_pixel_of
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands, times
@@ -132,6 +132,7 @@ def stream_of(
         Windows([times(radius, longer)], device, lone=True),
         Settings(
             aperture=aperture,
+            dual_pixel=dual_pixel_of(lens),
             quality=outcome.quality,
             left_right=any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,

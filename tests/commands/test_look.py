@@ -150,3 +150,61 @@ def test_a_sharp_range_that_makes_no_sense_is_refused(
 ) -> None:
     ran = run("render", *light, "-o", tmp_path / "out", *LENS, "--sharp-range", text)
     refused(ran, 2, "--sharp-range")
+
+
+def test_dual_pixels_are_less_apart_by_model_and_by_crosstalk(
+    light: tuple[Path, Path], tmp_path: Path
+) -> None:
+    maps = {}
+    for name, options in {
+        "ideal": (),
+        "smooth": ("--dp-model", "smooth"),
+        "crossed": ("--dp-crosstalk", "0.15"),
+    }.items():
+        out = ("-o", tmp_path / name, "--outputs", "left,right,disparity,coc")
+        ran = run("render", *light, *LENS, *out, *options)
+        assert ran.code == 0, ran.err
+        coc = read_exr(tmp_path / name / "coc/rgb.exr")["coc"]
+        maps[name] = float(
+            (read_exr(tmp_path / name / "disparity/rgb.exr")["disparity"] / coc).mean()
+        )
+    assert maps["ideal"] == pytest.approx(8 / (3 * np.pi), rel=1e-6)
+    assert maps["smooth"] == pytest.approx(0.5, rel=1e-3)
+    assert maps["crossed"] == pytest.approx(0.7 * maps["ideal"], rel=1e-3)
+
+
+def test_noise_is_that_of_its_seed_and_left_and_right_have_their_own(tmp_path: Path) -> None:
+    pixels = np.full((40, 40, 3), 0.25, np.float32)
+    color = color_exr(tmp_path / "a.exr", pixels)
+    depth = depth_exr(tmp_path / "d.exr", np.full((40, 40), 2.0, np.float32))
+
+    def noisy(out: str, *options: str) -> dict[str, np.ndarray]:
+        what = ("--outputs", "render,left,right", "--exr-type", "float", "--noise", "1000:2")
+        ran = run("render", color, depth, "-o", tmp_path / out, *LENS, *what, *options)
+        assert ran.code == 0, ran.err
+        return {k: read_exr(tmp_path / out / k / "a.exr")["G"] for k in ("render", "left", "right")}
+
+    first, again, other = noisy("a"), noisy("b", "--tile", "16"), noisy("c", "--noise-seed", "1")
+    for kind, electrons in (("render", 1000), ("left", 500), ("right", 500)):
+        np.testing.assert_array_equal(first[kind], again[kind])
+        assert np.abs(first[kind] - other[kind]).max() > 0.01
+        variance = 0.25 / electrons + (2 / electrons) ** 2
+        assert first[kind].var() == pytest.approx(variance, rel=0.15)
+    assert abs(np.corrcoef(first["left"].ravel(), first["right"].ravel())[0, 1]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--noise", "1000"), ("--noise", "ELECTRONS:READ")),
+        (("--noise", "0:3"), ("--noise", "like 4000:3")),
+        (("--noise-seed", "3"), ("--noise-seed", "add --noise")),
+        (("--noise", "100:1", "--noise-seed", "-3"), ("--noise-seed", "whole number")),
+        (("--dp-model", "round"), ("--dp-model", "split or smooth")),
+        (("--dp-crosstalk", "0.6"), ("--dp-crosstalk", "0 to 0.49")),
+    ],
+)
+def test_a_sensor_that_makes_no_sense_is_refused(
+    light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, *words)

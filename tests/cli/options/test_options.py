@@ -24,6 +24,10 @@ def test_qualities_are_those_of_the_core() -> None:
     assert tuple(defocus_core.QUALITIES) == job.QUALITIES
 
 
+def test_models_of_dual_pixels_are_those_of_the_core() -> None:
+    assert defocus_core.DUAL_PIXEL_MODELS == job.DUAL_PIXEL_MODELS
+
+
 def test_threads_are_the_cores_this_process_may_use() -> None:
     assert shared.cores() == len(os.sched_getaffinity(0))
 
