@@ -10,7 +10,6 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import assembled
 from defocus_core.engine.settings import Settings
@@ -37,7 +36,7 @@ def render(
     threads: int = 1,
     tile: int | None = None,
     infinity: float | None = None,
-    depth_repair: str | DepthRepair = "auto",
+    depth_repair: str = "auto",
     edge_width: float | None = None,
     dual_pixel: DualPixel | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -75,8 +74,7 @@ def render(
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
             "off" leaves it as it is. "soft-edges=0.3" says that edges are soft: ramps of 0.3 px of
             radius per px and more, up to 16 px wide, become steps where the colours change, and
-            all else is found as by "auto"; from 0 on, each ramp is an edge. A DepthRepair, like
-            that of a shot, is done as it says.
+            all else is found as by "auto"; from 0 on, each ramp is an edge.
         edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
             that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
         dual_pixel: The photodiodes that left and right are of; by default each sees a half of the

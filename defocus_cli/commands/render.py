@@ -11,6 +11,7 @@ import click
 from defocus_cli.batch import pipeline, run
 from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
+from defocus_cli.dataset.contact_sheet import kind_of_sheet, write_contact_sheet
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.pairing import find_pictures, whole_shot
@@ -109,6 +110,8 @@ def command(
             jobs, make_plan(jobs, outputs.root, execution(pipeline.execute)), as_json=as_json
         )
         return
+    if shot.contact is not None:
+        kind_of_sheet(jobs)
     report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
         with report.bar("picture"):
@@ -119,6 +122,8 @@ def command(
             summary = run.carry_out(jobs, outputs.root, execution(alone), report)
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})
+    if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
+        console.say(f"contact sheet -> {sheet}")
     if as_json:
         records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
         console.print_json(dry_run=False, pictures=records)

@@ -140,7 +140,7 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
     lens = shot_focused(job, loaded.depth, _read_for)
     decided = None
     if job.outputs.need_rendering:
-        decided = shot_repair(job, lens, loaded.depth.size, _read_for)
+        decided = shot_repair(job, lens, loaded.depth, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
     likely = implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale)
     if loaded.plate is not None:

@@ -35,8 +35,8 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
     repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
-    decided: DepthRepair | None = None  # that of its shot; None if the frame decides
-    shot_note: str = ""  # what other frames decided
+    decided: DepthRepair | None = None  # by its shot; None if the frame decides
+    shot_note: str = ""  # what other frames did for its depth
 
     def depth_words(self, *, rendered: bool = True) -> str:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""

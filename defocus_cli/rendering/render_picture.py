@@ -121,7 +121,7 @@ def stream_of(
         outcome: the job, and what is known of it so far.
         seen: what other frames have seen of what is hidden.
     """
-    from defocus_core import Settings, Stream
+    from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = _lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
@@ -137,8 +137,9 @@ def stream_of(
         threads=job.machine.threads,
         tile=job.machine.tile,
         infinity=infinity,
-        depth_repair=outcome.decided or job.reading.depth_repair,
+        depth_repair=job.reading.depth_repair,
         edge_width=job.reading.edge_width,
+        decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
     )
     if loaded.plate is not None:
         layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
@@ -224,12 +225,13 @@ def _hidden(
     if seen is None:
         return behind
     color, radius, mask = (each.to(outcome.device) for each in seen)
+    radius = radius * longer
     if behind is None:
-        return Behind(color, radius * longer, mask)
+        return Behind(color, radius, mask)
     given = behind.mask[:]
     return Behind(
         behind.color[:].where(given, color),
-        behind.signed_radius[:].where(given, radius * longer),
+        behind.signed_radius[:].where(given, radius),
         given | mask,
     )
 

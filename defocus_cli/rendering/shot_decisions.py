@@ -94,13 +94,13 @@ def _is_large(job: Job) -> bool:
     return holding(job).scratch
 
 
-def shot_repair(job: Job, lens: Lens, size: tuple[int, int], read: Read) -> DepthRepair | None:
+def shot_repair(job: Job, lens: Lens, depth: Depth, read: Read) -> DepthRepair | None:
     """The repair of depth that the shot of a job has decided on; None if each frame decides.
 
     Args:
         job: the job.
         lens: its lens, with the focus distance.
-        size: (width, height) of its pictures.
+        depth: its depth.
         read: decodes the picture of a job.
     """
     from defocus_core import agreed_repair, repair_through
@@ -113,9 +113,9 @@ def shot_repair(job: Job, lens: Lens, size: tuple[int, int], read: Read) -> Dept
         _REPAIRS.clear()
         each = [_repair_of(frame, job, read) for frame in shot.sample]
         _REPAIRS[key] = agreed_repair([r for r, _ in each], [scale for _, scale in each])
-    radii = job.reading.holds_radii
-    scale = 1.0 if radii else lens_scale(lens, size)
-    infinity = None if radii else radius_at_infinity(lens, size)
+    radii = depth.is_radius
+    scale = 1.0 if radii else lens_scale(lens, depth.size)
+    infinity = None if radii else radius_at_infinity(lens, depth.size)
     return repair_through(_REPAIRS[key], scale, infinity)
 
 
@@ -123,26 +123,23 @@ def _repair_of(frame: Taken, job: Job, read: Read) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
     import torch
 
-    from defocus_core import diagnose_depth
+    from defocus_core import repair_depth
 
     keeping = Keeping(_is_large(job))
     of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
     color, depth = read(of_frame, keeping)
     lens = shot_focused(of_frame, depth, read)
     radius, _ = radius_map(lens, depth, keeping)
-    height, width = radius.shape
-    size, threads = (width, height), torch.get_num_threads()
-    infinity = None if depth.is_radius else radius_at_infinity(lens, size)
-    image, radii = Windows(color.planes, "cpu"), Windows([radius], "cpu", lone=True)
-    repair = diagnose_depth(
-        radii,
+    infinity = None if depth.is_radius else radius_at_infinity(lens, depth.size)
+    _, repair = repair_depth(
+        Windows([radius], "cpu", lone=True),
+        Windows(color.planes, "cpu"),
         infinity,
-        threads,
-        image=image,
+        torch.get_num_threads(),
         depth_repair=job.reading.depth_repair,
         edge_width=job.reading.edge_width,
     )
-    return repair, 1.0 if depth.is_radius else lens_scale(lens, size)
+    return repair, 1.0 if depth.is_radius else lens_scale(lens, depth.size)
 
 
 @lru_cache(maxsize=8)

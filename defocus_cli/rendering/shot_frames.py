@@ -147,9 +147,11 @@ class Neighbours:
         picture = self._window[place]
         channel = self._shot.motion
         assert channel is not None
-        files = (picture.color, picture.depth)
+        files, overscan = (picture.color, picture.depth), self._loaded.color.overscan
         motion: Motion = _CACHE.kept(
-            ("motion", picture, channel), lambda: read_motion(files, channel), self._most_mb()
+            ("motion", picture, channel, overscan),
+            lambda: read_motion(files, channel, overscan),
+            self._most_mb(),
         )
         if motion.to_next.shape[1:] != self._loaded.depth.metres.shape:
             raise InputError(picture.color, "has motion vectors of another size", "render it again")

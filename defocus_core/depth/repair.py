@@ -106,7 +106,6 @@ def diagnose_depth(
     infinity: float | None = None,
     threads: int = 1,
     *,
-    image: Pixels | None = None,
     depth_repair: str = "auto",
     edge_width: float | None = None,
 ) -> DepthRepair:
@@ -116,7 +115,6 @@ def diagnose_depth(
         signed_radius: [H, W] px.
         infinity: As for `render`.
         threads: Number of bands of rows examined at once.
-        image: [C, H, W] linear, by which displaced edges are found, too; None not to look for them.
         depth_repair: As for `render`.
         edge_width: As for `render`.
 
@@ -128,11 +126,6 @@ def diagnose_depth(
         return DepthRepair()
     hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
-        if image is not None:
-            found = repaired(
-                signed_radius, image, infinity=infinity, threads=threads, hold=hold, options=options
-            )
-            return found[1]
         radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
         return _as_said(repair, options, radii)
 

@@ -21,6 +21,9 @@ _BY_SCENE = "None lets the scene decide"
 class Settings:
     """The options that `render` explains.
 
+    Attributes:
+        decided: The repair of depth, where it is known already, as for a frame of a shot.
+
     Raises:
         ValueError: If an option is out of its range.
     """
@@ -33,8 +36,9 @@ class Settings:
     threads: int = 1
     tile: int | None = None
     infinity: float | None = None
-    depth_repair: str | DepthRepair = "auto"
+    depth_repair: str = "auto"
     edge_width: float | None = None
+    decided: DepthRepair | None = None
     dual_pixel: DualPixel = field(default_factory=DualPixel)
 
     def __post_init__(self) -> None:
@@ -47,7 +51,7 @@ class Settings:
             raise ValueError(f"{problem}; DualPixel() has ideal halves")
         find(self.quality)
         flag("left_right", self.left_right)
-        _ = self.repair  # checks both
+        repair_options(self.depth_repair, self.edge_width)
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
@@ -68,13 +72,7 @@ class Settings:
     @property
     def repair(self) -> RepairOptions:
         """Whether, and by which knowledge, depth is repaired."""
-        asked = "auto" if isinstance(self.depth_repair, DepthRepair) else self.depth_repair
-        return repair_options(asked, self.edge_width)
-
-    @property
-    def decided_repair(self) -> DepthRepair | None:
-        """The repair where it is decided already, as for a shot."""
-        return self.depth_repair if isinstance(self.depth_repair, DepthRepair) else None
+        return repair_options(self.depth_repair, self.edge_width)
 
     @property
     def by_scene(self) -> bool:
