@@ -64,6 +64,10 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ball = element(disc())
     both_views = ball | {f"left.{channel}": plane for channel, plane in ball.items()}
     write(tmp_path / "ball.exr", both_views, multiView=["right", "left"])
+    vectors = {f"ViewLayer.Vector.{name}": np.zeros_like(depth) for name in "XYZW"}
+    for frame in range(1001, 1004):
+        write_exr(tmp_path / f"shot.{frame}.exr", **planes, **vectors)
+        depth_exr(tmp_path / f"depth.{frame}.exr", depth)
     color_exr(tmp_path / "frames" / "a.exr")
     depth_exr(tmp_path / "depths" / "a.exr")
     disparity = np.tile(np.linspace(0, 1, 320, dtype=np.float32)[None, :, None], (240, 1, 1))

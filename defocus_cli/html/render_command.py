@@ -50,8 +50,8 @@ def render_command(record: Record, out: Path) -> str:
     words: list[object] = ["defocus", "render", picture.color]
     words += [] if picture.depth == picture.color else [picture.depth]
     words += ["-o", OUT, *lens]
-    if picture.hidden is not None:
-        words += ["--hidden", picture.hidden.color, picture.hidden.depth]
+    for role, other in picture.others.items():
+        words += [f"--{role}", other.color, other.depth]
     settings = record["settings"]
     words += _option_words(settings["reading"]) + _option_words(settings["outputs"])
     machine = {key: settings[key] for key in _MACHINE if key in settings}

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs import quantities
-from defocus_cli.jobs.job import Lens
+from defocus_cli.jobs.job import DUAL_PIXEL_MODELS, Lens
 from defocus_cli.jobs.quantities import length_text, read_at, text_of
 from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
@@ -43,6 +43,11 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "spherical": (quantities.within(-1, 1, "a spherical aberration", "like 0.5"), "ring"),
     "squeeze": (quantities.within(1, 4, "a squeeze", "like 2"), "squeeze"),
     "aperture-image": (quantities.file, "pupil"),
+    "highlights": (quantities.highlights, "lights"),
+    "dp-model": (quantities.one_of(DUAL_PIXEL_MODELS, "a model of dual pixels"), "dp"),
+    "dp-crosstalk": (quantities.within(0, 0.49, "a share of the light", "like 0.15"), "crosstalk"),
+    "noise": (quantities.noise, "noise"),
+    "noise-seed": (quantities.seed, "seed"),
 }
 PARSERS = {name: parser for name, (parser, _) in _ROWS.items()}
 LENGTHS = frozenset({"focal-length", "aperture-diameter", "sensor-width", "focus"})
@@ -88,6 +93,10 @@ def tag(name: str, value: Any) -> str:
     """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
     if isinstance(value, Path):
         text = value.stem
+    elif value is None:
+        text = "off"
+    elif isinstance(value, str):
+        text = value
     elif isinstance(value, quantities.Percentile):
         text = f"p{value.percent:.6g}"
     elif name == "sharp-range":
@@ -138,6 +147,9 @@ def make_lens(
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
         refuse_missing(values, _DASHES, lacking)
+    if options.get("noise-seed") and "noise" not in values:
+        problem, remedy = "changes nothing without noise", "add --noise 4000:3, or leave it out"
+        raise UsageProblem("--noise-seed", problem, remedy)
     for name in OF_BLADES:
         source = _DASHES if name in options else f"{file}: "
         refuse_idle(name, values.get(name), values.get("blades"), source)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from defocus_cli.jobs.inputs import Entry
 from defocus_cli.jobs.job import Draw, Lens
@@ -31,6 +32,7 @@ from defocus_cli.jobs.lens_options import (
 )
 from defocus_cli.jobs.quantities import Percentile, pixel_count
 from defocus_cli.jobs.random_lenses import Sampling, distribution, drawn_lens, read_sampling
+from defocus_cli.jobs.shipped_lenses import lens_path
 from defocus_cli.jobs.sweep import Point, read_sweep
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem
@@ -120,8 +122,8 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     _refuse_taken(sampling.options, taken, sample.place(""))
     taken |= {same: sample.name for name in sampling.options for same in _with_alternative(name)}
     _refuse_taken(own, taken, lens.place(""))
-    file = lens.text("file")
-    stored = {} if file is None else read_lens_file(lens.file.parent / file)
+    file = lens_file_of(lens)
+    stored = {} if file is None else read_lens_file(file)
     if radii:
         refuse_optics(own, lens.place(""))
         refuse_optics((name for point in points for name in point.options), sweep.place(""))
@@ -136,6 +138,12 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         taken=taken,
         radii=radii,
     )
+
+
+def lens_file_of(lens: Table) -> Path | None:
+    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
+    name = lens.text("file")
+    return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))
 
 
 def _max_coc(lens: Table, sample: Table) -> float | None:

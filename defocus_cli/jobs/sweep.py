@@ -148,6 +148,6 @@ def _range(name: str, text: str, where: str) -> list[str]:
 
 def _end(name: str, text: str, where: str) -> float:
     value: Any = parsed(name, checked(name, text, where))
-    if isinstance(value, Percentile | tuple | Path):
+    if isinstance(value, Percentile | tuple | Path | str):
         raise UsageProblem(where, f"'{text}' is no end of a range", "write a list of values")
     return float(value)

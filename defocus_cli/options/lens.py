@@ -13,7 +13,15 @@ import click
 from defocus_cli.jobs.job import Lens, Reading
 from defocus_cli.jobs.lens_options import PARSERS, SHAPES, make_lens
 from defocus_cli.jobs.reading_options import lens_file_reading
-from defocus_cli.options.types import Decorator, FilePath, Quantity, bundle, grouped_option
+from defocus_cli.jobs.shipped_lenses import lens_path
+from defocus_cli.options.types import (
+    Decorator,
+    FilePath,
+    Quantity,
+    bundle,
+    grouped_option,
+    option_name,
+)
 
 _LENS_HELP = {
     "focal-length": ("LENGTH", "Focal length, like 50mm."),
@@ -55,6 +63,27 @@ _LENS_HELP = {
         "Picture of the opening instead of blades, grey, PNG, EXR or NPY: bright is open, as a "
         "point beyond the focus shows it.",
     ),
+    "highlights": (
+        "auto|T:GAIN",
+        "Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like 16, "
+        "from a threshold in linear light, like 0.93, up to white. Pictures with light above 1 "
+        "stay as they are.  [default: off]",
+    ),
+    "dp-model": (
+        "MODEL",
+        "Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, less and "
+        "less towards the other side, as in real sensors.  [default: split]",
+    ),
+    "dp-crosstalk": (
+        "0…0.49",
+        "Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
+    ),
+    "noise": (
+        "ELECTRONS:READ",
+        "Noise of the sensor, like 4000:3: electrons that a light of 1 makes, whose number varies, "
+        "and electrons of read noise.",
+    ),
+    "noise-seed": ("N", "Number that decides the random numbers of the noise.  [default: 0]"),
 }
 
 
@@ -64,9 +93,20 @@ def _lens_option(name: str) -> Decorator:
     return grouped_option("Lens", f"--{name}", type=kind, metavar=metavar, help=text)
 
 
+class LensFile(FilePath):
+    """The path of a lens file, or @NAME of one that ships."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path of the file."""
+        return lens_path(super().convert(value, param, ctx), option_name(param))
+
+
 def _lens_file_option() -> Decorator:
-    text = 'File of lens options, like focal-length = "50mm"; what is given beside it wins.'
-    kind = FilePath()
+    text = (
+        'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
+        "('defocus lenses'); what is given beside it wins."
+    )
+    kind = LensFile()
     return grouped_option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_cli.exr.views import name_in_view
 from defocus_cli.exr.windows import Layout, Window
+from defocus_cli.rendering.noisy_planes import noisy
+from defocus_cli.rendering.opening import disparity_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,10 +37,15 @@ class Contents(NamedTuple):
 def contents_of(rendering: Rendering, kind: Kind) -> Contents:
     """The contents of the file of a kind, without overscan unless that is kept."""
     color = rendering.color
+    if kind.of_picture:
+        return _focus(rendering)
     names: tuple[str, ...] = (kind.name,)
     extras: dict[str, Any] = {}
     if kind.of_radius:
-        planes: tuple[Any, ...] = (_OfRadius(rendering.radius, kind.of_radius, rendering.nothing),)
+        disparity = disparity_of(rendering.outcome.lens)
+        planes: tuple[Any, ...] = (
+            _OfRadius(rendering.radius, disparity, kind.of_radius, rendering.nothing),
+        )
     elif kind.image:
         names, planes, extras = _image(rendering, kind)
     else:
@@ -53,6 +61,18 @@ def contents_of(rendering: Rendering, kind: Kind) -> Contents:
         planes = tuple(_Shown(plane, window) for plane in planes)
         extras = {name: _Shown(plane, window) for name, plane in extras.items()}
     return Contents(names, planes, extras, Layout(color.corner, None, kind.views))
+
+
+def _focus(rendering: Rendering) -> Contents:
+    """The picture shown in false colour."""
+    from defocus_cli.rendering.focus_picture import focus_planes
+
+    color, radius = rendering.color, rendering.radius
+    if any(color.overscan):
+        window = color.overscan.shown(*color.shape[:2])
+        planes = tuple(_Shown(plane, window) for plane in color.planes)
+        color, radius = replace(color, planes=planes), _Shown(radius, window)
+    return Contents(("R", "G", "B"), focus_planes(color, radius), {}, Layout(color.corner))
 
 
 def _image(
@@ -75,7 +95,8 @@ def _image(
         ]
         shown = len(color.channels)
         names += own_names[:shown]
-        planes += own[:shown]
+        light = tuple(own[:shown])
+        planes += noisy(light, color.channels, rendering.outcome.job, rendering.outcome.lens, view)
         passes = [as_half(plane) if half else plane for plane in own[shown:]]
         extras |= dict(zip(own_names[shown:], passes, strict=True))
     return tuple(names), tuple(planes), extras
@@ -84,12 +105,15 @@ def _image(
 class _OfRadius:
     """A map that is computed from the signed radii [H, W], a few rows at a time; 0 of nothing."""
 
-    def __init__(self, radius: Any, compute: Callable[[Any], Any], nothing: Any) -> None:
-        self._radius, self._compute, self._nothing = radius, compute, nothing
+    def __init__(
+        self, radius: Any, disparity: float, compute: Callable[[Any, float], Any], nothing: Any
+    ) -> None:
+        self._radius, self._disparity = radius, disparity
+        self._compute, self._nothing = compute, nothing
         self.shape, self.dtype = radius.shape, radius.dtype
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
-        values: NDArray[Any] = self._compute(self._radius[rows])
+        values: NDArray[Any] = self._compute(self._radius[rows], self._disparity)
         if self._nothing is not None:
             values = values * ~self._nothing[rows]
         return values

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
+from defocus_cli.formats.kinds import DISPARITY_PER_RADIUS
 from defocus_cli.jobs.job import Lens
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 from defocus_cli.system.safe_files import read_head
 
 if TYPE_CHECKING:
-    from defocus_core import Aperture, PupilImage
+    from defocus_core import Aperture, DualPixel, PupilImage
 
 # Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
 # of JPEG makes less.
@@ -65,6 +66,23 @@ def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float
     squeeze = lens.squeeze * pixel_aspect
     longer = pixel_aspect if squeeze >= 1 else 1 / lens.squeeze
     return replace(pupil, squeeze=squeeze), longer
+
+
+def dual_pixel_of(lens: Lens) -> DualPixel:
+    """The photodiodes of the sensor behind a lens."""
+    from defocus_core import DualPixel
+
+    return DualPixel(lens.dp_model, lens.dp_crosstalk)
+
+
+def disparity_of(lens: Lens) -> float:
+    """Px between left and right for a CoC radius of a px, signed alike.
+
+    Without effects it is that of half discs.
+    """
+    if not lens.effects:
+        return DISPARITY_PER_RADIUS
+    return dual_pixel_of(lens).disparity(aperture_of(lens))
 
 
 def pupil_image(path: Path) -> PupilImage:
@@ -129,13 +147,14 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
         raise UsageProblem("--radius", f"is beyond {_MOST_RADIUS} px", "give a smaller one")
     pupil = aperture_of(lens)
     r = torch.tensor(radius, dtype=torch.float64)
-    kernels = pupil.views(r, 2 * math.ceil(abs(radius)) + 1).numpy()
+    pixel = dual_pixel_of(lens)
+    kernels = pixel.kernels(pupil, r, 2 * math.ceil(abs(radius)) + 1).numpy()
     if path.suffix.lower() == ".exr":
         write_exr(path, {"kernel": kernels[0].astype("float32")}, {})
         return
-    opening = pupil.views(torch.tensor(_SHOWN / 2.0, dtype=torch.float64), _SHOWN).numpy()[:1]
+    opening = pupil.kernel(torch.tensor(_SHOWN / 2.0, dtype=torch.float64), _SHOWN).numpy()
     squares = []
-    for light in (*opening, *kernels):
+    for light in (opening, *kernels):
         cells = np.arange(_SHOWN) * len(light) // _SHOWN
         squares.append(light[np.ix_(cells, cells)] / light.max())
     shown = linear_to_srgb(np.concatenate(squares, axis=1).astype("float32"))

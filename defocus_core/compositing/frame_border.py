@@ -69,5 +69,9 @@ def _area_below(aperture: Aperture, part: Part) -> Tensor:
     """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
     with torch.inference_mode(False):  # the cache serves calls that need gradients, too
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
+        if part.lean:
+            r = torch.tensor(_STEPS / 2, dtype=torch.float64)
+            below = aperture.kernel(r, _STEPS, part).cumsum(0).cumsum(1)
+            return torch.nn.functional.pad(below, (1, 0, 1, 0))
         up_to = torch.stack([torch.full_like(ends, -1), ends], -1)
         return aperture.share_between(part, up_to[None], up_to[:, None])

@@ -34,10 +34,10 @@ _SAME = 0.513
 
 
 @lru_cache(maxsize=64)
-def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[Scalar, ...]:
+def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
     """The radii of slices in px by which their left halves are shifted."""
-    whole = aperture.centroid(LEFT)[0]
-    return tuple(aperture.first_moments(r, LEFT)[0] / whole if abs(r) < NEAR else r for r in radii)
+    whole = aperture.centroid(half)[0]
+    return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
 
 
 class Shifts:
@@ -68,7 +68,9 @@ class Shifts:
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
         learns = aperture.learns
         apparent = _apparent.__wrapped__ if learns else _apparent
-        self._apparent = stacked(apparent(radii, aperture if learns else aperture.fixed), places)
+        half = parts[0] if parts[0].lean else LEFT
+        known = aperture if learns else aperture.fixed
+        self._apparent = stacked(apparent(radii, known, half), places)
         # pixels of lesser radii have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [aperture.centroid(part) for part in parts]

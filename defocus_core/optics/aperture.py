@@ -17,16 +17,7 @@ from torch import Tensor
 
 from defocus_core.optics.curved_blades import CurvedPolygon
 from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Scalar, Squeezed
-from defocus_core.optics.parts import (
-    FULL,
-    LEFT,
-    RIGHT,
-    Part,
-    area_of,
-    gaussian,
-    parts_of,
-    weight_of,
-)
+from defocus_core.optics.parts import FULL, Part, area_of, gaussian, parts_of, weight_of
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.runtime.validation import described, number, whole
 
@@ -193,20 +184,13 @@ class Aperture:
             shares = shares * gaussian(u)
         if not _is(self.spherical, 0.0):
             shares = shares * self._aberration(u, r)
-        if self.psf_type == "gaussian" or not _is(self.spherical, 0.0):
+        if part.lean:
+            shares = shares * (1 + part.lean * self.narrowing[0] * _middles(u)[..., None, :])
+        if self.psf_type == "gaussian" or part.lean or not _is(self.spherical, 0.0):
             shares = shares / shares.sum((-2, -1), keepdim=True)
         else:
             shares = shares / area
         return shares.to(radius.dtype)
-
-    def views(self, radius: Tensor, size: int) -> Tensor:
-        """The kernels of the whole pupil, of its left and of its right half: [..., 3, size, size].
-
-        Args:
-            radius: As for `kernel`.
-            size: As for `kernel`.
-        """
-        return torch.stack([self.kernel(radius, size, part) for part in (FULL, LEFT, RIGHT)], -3)
 
     def _live_area(self, part: Part) -> Scalar:
         """The area of a part, through which gradients flow to the attributes."""
@@ -219,9 +203,7 @@ class Aperture:
         Rays of the height h end at r (h + k h³): to first order the light on a disc of the same
         size changes by a square of the distance from its middle, and the sign is that of k / r.
         """
-        inside = u.clamp(-1, 1)
-        middle = (inside[..., 1:] + inside[..., :-1]) / 2
-        x, y = (middle * times for times in self.narrowing)
+        x, y = (_middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
         return 1 + self.spherical * r.detach().sign()[..., None, None] * (2 * squared - 1)
 
@@ -238,6 +220,8 @@ class Aperture:
         Returns:
             A number in [0, 1]. Where the pupil is gaussian, the share of its weight, to about 1e-6.
         """
+        if part.lean:
+            return (1 + part.lean * float(self.narrowing[0] * self.centroid(FULL)[0])) / 2
         weigh, outline = weight_of if self.psf_type == "gaussian" else area_of, self.fixed.outline
         return float(weigh(outline, part) / weigh(outline, FULL))
 
@@ -282,6 +266,12 @@ class Aperture:
 def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
     x, y = aperture.first_moments(_CENTROID_RADIUS, part)
     return x / _CENTROID_RADIUS, y / _CENTROID_RADIUS
+
+
+def _middles(u: Tensor) -> Tensor:
+    """Lens points in the middle of what of each pixel [..., n - 1] lies between -1 and 1."""
+    inside = u.clamp(-1, 1)
+    return (inside[..., 1:] + inside[..., :-1]) / 2
 
 
 def _is(value: Scalar, number: float) -> bool:

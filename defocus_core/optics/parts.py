@@ -22,12 +22,21 @@ _WEIGHING_RADIUS = 256.0
 
 @dataclass(frozen=True)
 class Part:
-    """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1."""
+    """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1.
+
+    What lies in it counts 1 + lean u.x times; of a squeezed pupil, u.x before it is squeezed.
+    """
 
     x0: float = -1.0
     x1: float = 1.0
     y0: float = -1.0
     y1: float = 1.0
+    lean: float = 0.0
+
+    @property
+    def is_left(self) -> bool:
+        """Whether it belongs to the left of two halves."""
+        return self.x1 <= 0 or self.lean < 0
 
     def clamp(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
         """Lens coordinates, moved into the part."""
