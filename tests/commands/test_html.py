@@ -28,6 +28,7 @@ blades = 6
 blade-rotation = 15
 blade-curvature = 0.25
 sharp-range = "1.9m..2.1m"
+highlights = "0.9:1.5"
 [reading]
 depth-unit = "m"
 depth-scale = 0.7
