@@ -529,7 +529,7 @@ function wiggle() {
 }
 
 function expose(stops) {
-  view.stops = Math.max(-12, Math.min(12, stops));
+  view.stops = Math.max(-20, Math.min(20, stops));
   $("exposure").value = view.stops;
   modes();
 }
