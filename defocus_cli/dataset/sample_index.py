@@ -1,7 +1,8 @@
 """The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample.
 
 ``file_name`` comes first, as the image folders of Hugging Face's `datasets` want it, and each
-further picture that they can decode is ``<kind>_file_name``. A key has one type in every line, null
+further picture that they can decode is ``<kind>_file_name``. They call the column of ``file_name``
+image; beside the sharp picture, whose kind is image, it is ``<kind>_file_name``, too. A key has one type in every line, null
 where there is nothing to say, so that it reads as a table. It holds no time and no place of OUT.
 """
 
@@ -111,7 +112,7 @@ def _entry(record: Record) -> dict[str, Any]:
     near, far = record["coc_px"]
     width, height = record["size"]
     return {
-        "file_name": paths[first],
+        f"{first}_file_name" if "image" in paths else "file_name": paths[first],
         **{f"{kind}_file_name": paths[kind] for kind in others if _decoded(paths[kind])},
         "sample_id": record["sample_id"],
         "width": width,

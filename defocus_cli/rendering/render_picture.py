@@ -65,7 +65,7 @@ def rendered(
         stats={**stream.stats, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
+    return loaded.rendering(outcome, radius, images.planes, images.clamped)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
