@@ -264,7 +264,8 @@ def _spec(
     import OpenImageIO as oiio  # noqa: N813
 
     (height, width), count = size, samples.shape[2]
-    spec = oiio.ImageSpec(width, height, count, samples.dtype.name)
+    number_type = "float" if samples.dtype.kind == "f" else samples.dtype.name
+    spec = oiio.ImageSpec(width, height, count, number_type)
     spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
     spec.alpha_channel = count - 1 if count in (2, 4) else -1
     # An empty DateTime keeps OpenImageIO from writing the current one.

@@ -263,6 +263,7 @@ class Job:
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
     shot: Shot | None = None
+    split: str = ""  # of a dataset; it changes nothing in the outputs
 
     @property
     def files(self) -> dict[str, Path]:

@@ -2,6 +2,7 @@
 
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`
+  [split]     shares of train, test, …, see `defocus_cli.jobs.splits`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
   [animate]   keys of lens options by frame, see `defocus_cli.jobs.animation`; ``file``, files of
               keys; ``interpolation``
@@ -47,10 +48,14 @@ from defocus_cli.jobs.reading_options import (
 )
 from defocus_cli.jobs.shot_lenses import animated, read_animation_table
 from defocus_cli.jobs.shots import read_together, with_shot
+from defocus_cli.jobs.splits import read_splits
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_cli.system.errors import UsageProblem
 
-TABLES = ("inputs", "lens", "animate", "shot", "sweep", "sample", "reading", "outputs", "machine")
+TABLES = (
+    *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
+    *("reading", "outputs", "machine"),
+)
 MOST_JOBS = 10_000_000
 
 
@@ -94,8 +99,9 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
         (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
         return dict(plan.lenses(entry))
 
+    splits = read_splits(named["split"])
     return with_shot(
-        jobs,
+        [dataclasses.replace(job, split=splits.of(job.picture)) for job in jobs],
         [each.picture for each in every],
         lambda picture, suffix: lenses(picture.frame)[suffix],
         together,
