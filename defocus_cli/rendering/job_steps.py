@@ -125,7 +125,7 @@ def compute(
     """
     outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
-        return Rendering(outcome, loaded.color, radius, {}, {}, loaded.nothing)
+        return loaded.rendering(outcome, radius)
     outcome, quiet, seen = with_neighbours(outcome, loaded, radius, _read_for)
     return replace(rendered(loaded, quiet, outcome, progress, seen), radius=radius)
 
@@ -137,6 +137,9 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         InputError: the picture cannot be taken with this lens.
         UsageProblem: the options make no sense for this picture or machine.
     """
+    if "depth" in job.outputs.kinds and loaded.depth.is_radius:
+        problem = "holds radii, of which no depth can be written"
+        raise InputError(loaded.depth.path, problem, "leave depth out of the outputs")
     lens = shot_focused(job, loaded.depth, _read_for)
     decided = None
     if job.outputs.need_rendering:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.elements.plate import Plate, nothing_of
@@ -60,6 +61,17 @@ class Loaded:
         """Where an element holds nothing, bool [H, W]; None if nowhere."""
         return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
 
+    def rendering(
+        self,
+        outcome: Outcome,
+        radius: Any,
+        images: Mapping[str, tuple[Any, ...]] = MappingProxyType({}),
+        clamped: Mapping[str, int] = MappingProxyType({}),
+    ) -> Rendering:
+        """What is to be written of it; the arguments are the attributes of `Rendering`."""
+        metres = None if self.depth.is_radius else self.depth.metres
+        return Rendering(outcome, self.color, radius, images, clamped, self.nothing, metres)
+
 
 @dataclass(frozen=True)
 class Rendering:
@@ -73,6 +85,7 @@ class Rendering:
             of an image, in linear light; one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
         nothing: where an element holds nothing, bool [H, W]; None if nowhere.
+        metres: planar depth in metres [H, W]; None if the file holds radii.
     """
 
     outcome: Outcome
@@ -81,3 +94,4 @@ class Rendering:
     images: Mapping[str, tuple[Any, ...]]
     clamped: Mapping[str, int]
     nothing: Any = None
+    metres: Any = None

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
 _MANY_CLAMPED = 0.01
+_TRUSTED = 0.99  # share of the lens
 
 
 def rendered(
@@ -62,10 +63,10 @@ def rendered(
         repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
-        stats={**stream.stats, **scratch},
+        stats={**stream.stats, "pixels_invented": images.invented, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
+    return loaded.rendering(outcome, radius, images.planes, images.clamped)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -91,6 +92,7 @@ def _fill(
     job, at_once = outcome.job, None
     while True:
         images.clamped.clear()
+        images.invented = 0
         try:
             stream = stream_of(loaded, radius, outcome, seen)
             if at_once is None:
@@ -172,6 +174,7 @@ class _Images:
     Attributes:
         planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
@@ -182,6 +185,7 @@ class _Images:
             self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
+        self.invented = 0
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue
@@ -200,6 +204,7 @@ class _Images:
 
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
+        self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
             views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
             if KINDS[kind].image and self._order != sorted(self._order):
