@@ -157,7 +157,8 @@ def test_folders_pair_up_and_jobs_files_have_plates_too(tmp_path: Path) -> None:
     folders = picture(tmp_path / "p", ball.parent, "--over", below.parent)
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(
-        '[inputs]\ncolor = "ball/*.exr"\nover-color = "plate/*.exr"\n[lens]\nfocal-length = "120mm"\n'
+        '[inputs]\ncolor = "ball/*.exr"\nover-color = "plate/*.exr"\n'
+        '[lens]\nfocal-length = "120mm"\n'
         'fnumber = 1.2\nfocus = "1m"\n[outputs]\nexr-type = "float"\n'
     )
     ran = run("batch", jobs, "-o", tmp_path / "q")
