@@ -30,8 +30,8 @@ class Stream(Picture):
         settings: Settings = STANDARD,
         hidden: Behind | None = None,
         *,
-        hold: bool = False,
         layered: Layered | None = None,
+        hold: bool = False,
     ) -> None:
         """Repair the depth, and prepare the frame.
 
@@ -40,11 +40,11 @@ class Stream(Picture):
             signed_radius: [H, W] px, negative nearer than focus, the same.
             settings: The options of `render`.
             hidden: The known layer behind the visible surface.
+            layered: The layers of which `image` and `signed_radius` are `picture(alpha=True)` and
+                `nearest()`.
             hold: Whether there is room for repaired radii and the cells of a draft, together two
                 thirds of the picture in float32; without room those of a large picture are computed
                 anew for each window.
-            layered: The layers of which `image`, with alpha, is the `picture` in focus and
-                `signed_radius` the `nearest` radius; the regions have alpha, too.
 
         Raises:
             ValueError: If shapes do not match, a number is not finite, or a CoC does not fit
@@ -71,7 +71,7 @@ class Stream(Picture):
         self._dtype = torch.promote_types(image.dtype, torch.float32)
         self._counts: list[dict[str, int]] = []
         with torch.no_grad(), own_modes(image.device):
-            super().__init__(image, signed_radius, settings, known, hold=hold, layered=layered)
+            super().__init__(image, signed_radius, settings, known, layered=layered, hold=hold)
 
     def regions(
         self,

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Either
-from defocus_cli.elements.plate import check_over, read_plate
+from defocus_cli.elements.plate import read_over
+from defocus_cli.exr.views import require_view
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
+from defocus_cli.rendering.deep_picture import deep_header, read_deep
 from defocus_cli.rendering.focusing import focused, quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
@@ -24,6 +26,7 @@ from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
+    from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
 
 
@@ -42,9 +45,14 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     if picture.over is not None:
-        return _over(job, held)
+        return _over_plate(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
-    if picture.hidden is None or not job.outputs.need_rendering:
+    if not job.outputs.need_rendering:
+        return Loaded(held, color, depth)
+    header = deep_header(picture, job.reading, parts_of(picture, job.reading)[0])
+    if header is not None:
+        return _with_layers(job, header, Loaded(held, color, depth))
+    if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
     if behind.shape != color.shape:
@@ -57,32 +65,39 @@ def load_inputs(job: Job) -> Loaded:
     return Loaded(held, color, depth, (behind, behind_depth))
 
 
-def _over(job: Job, held: Holding) -> Loaded:
+def _over_plate(job: Job, held: Holding) -> Loaded:
     """An element and the plate that it lies over, decoded.
 
     Raises:
         InputError: an input cannot be used.
         UsageProblem: a hidden layer is given, too.
     """
-    picture = job.picture
-    assert picture.over is not None
-    if picture.hidden is not None:
+    if job.picture.hidden is not None:
         raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
-    plate_overscan = overscan_of(picture.over, replace(job.reading, color_layer=None))
+    if deep_header(job.picture, job.reading, parts_of(job.picture, job.reading)[0]) is not None:
+        remedy = "render it alone, or flatten it first"
+        raise InputError(job.picture.color, "is deep, and --over takes flat elements", remedy)
 
-    def read_one(one: Picture, reading: Reading) -> tuple[Color, Depth]:
-        return read(one, reading, held.keeping, job.lens_focal, plate_overscan)
+    def read_one(one: Picture, reading: Reading, most: Overscan) -> tuple[Color, Depth]:
+        return read(one, reading, held.keeping, job.lens_focal, most)
 
-    color, depth = read_one(picture, job.reading)
-    most = color.overscan
-    plate = read_plate(
-        picture.over,
-        job.reading,
-        lambda one, reading: read(one, reading, held.keeping, job.lens_focal, most),
-        held.keeping,
-        most,
-    )
-    return Loaded(held, color, depth, plate=check_over(color, plate))
+    color, depth, plate = read_over(job.picture, job.reading, read_one, held.keeping)
+    return Loaded(held, color, depth, plate=plate)
+
+
+def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
+    """A deep picture with its samples.
+
+    Raises:
+        InputError: they cannot be used, or something else is to be behind them.
+    """
+    if job.picture.hidden is not None:
+        problem = "is deep, and knows itself what is hidden"
+        raise InputError(job.picture.color, problem, "leave --hidden out")
+    keeping, like = loaded.holding.keeping, (loaded.color, loaded.depth)
+    layers = read_deep(job.picture, header, job.reading, like, keeping, job.lens_focal)
+    note = f"{loaded.color.note}, {layers.words}"
+    return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 
 
 def compute(
@@ -217,7 +232,7 @@ def read(
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
-    require_view(picture, reading)
+    require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts)
     overscan = overscan if most is None else overscan.within(most)
     color = read_color(
@@ -267,21 +282,3 @@ def _of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> 
         remedy = "give depth of the size of the colour, or say --resize-depth nearest"
         raise InputError(depth.path, problem, remedy)
     return resized(depth, (width, height), keeping)
-
-
-def require_view(picture: Picture, reading: Reading) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: neither the colour nor the depth file has any.
-    """
-    from defocus_cli.exr.header import is_exr, read_headers
-    from defocus_cli.exr.views import views_of
-    from defocus_cli.system.safe_files import read_head
-
-    if reading.view is None:
-        return
-    exrs = [path for path in (picture.color, picture.depth) if is_exr(read_head(path))]
-    if not any(views_of(read_headers(path)) for path in exrs):
-        problem = f"has no views, and so no view {reading.view}"
-        raise InputError(picture.color, problem, "leave --view out")

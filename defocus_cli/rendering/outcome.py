@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.elements.plate import Plate, nothing_of
+from defocus_cli.elements.plate import Plate, alpha_behind_colors, nothing_of
 from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.depth_repair import repair_words
 from defocus_cli.rendering.memory_budget import Holding
@@ -14,7 +14,8 @@ from defocus_cli.rendering.memory_budget import Holding
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
-    from defocus_core import DepthRepair
+    from defocus_cli.rendering.deep_picture import Layers
+    from defocus_core import DepthRepair, Views
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,13 @@ class Loaded:
     depth: Depth
     behind: tuple[Color, Depth] | None = None
     plate: Plate | None = None
+    layers: Layers | None = None  # of a deep picture that is rendered
+
+    def in_order(self, part: Views) -> Views:
+        """A rendered part with its channels in the order of the colour."""
+        if self.plate is not None:
+            return alpha_behind_colors(part, len(self.color.light))
+        return part if self.layers is None else self.layers.in_order(part)
 
     @property
     def nothing(self) -> Any:

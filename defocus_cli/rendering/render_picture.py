@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
+from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.opening import aperture_in_pixels
@@ -88,7 +89,7 @@ def _fill(
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.place(part)
+                images.place(loaded.in_order(part))
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -126,8 +127,15 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
         edge_width=job.reading.edge_width,
     )
     if loaded.plate is not None:
-        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
-        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        radii = tuple(times(array, longer) for array in radius.arrays)
+        layers, repair = layers_of(loaded.color, loaded.plate, radii, settings, device)
+        stream = Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        stream.repair = repair
+        return stream
+    if loaded.layers is not None:
+        known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
+        if known.open or known.number > 1:
+            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     return Stream(
         image,
         Windows([times(radius, longer)], device, lone=True),
@@ -147,10 +155,6 @@ class _Images:
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
-        self._order = list(range(channels))
-        if loaded.plate is not None:  # the alpha of layers is their last channel
-            alpha = len(loaded.color.light)
-            self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         for kind in job.outputs.rows:
@@ -173,8 +177,6 @@ class _Images:
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
             views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
-            if KINDS[kind].image and self._order != sorted(self._order):
-                views = [view[self._order] for view in views]
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
