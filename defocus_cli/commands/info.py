@@ -53,7 +53,8 @@ def command(
       file, size   its path; width and height in px
       parts        index, name, deep, views, and channels with their types; of an EXR
                    data_window and display_window (x and y of their first and last pixel),
-                   pixel_aspect
+                   pixel_aspect; of a deep one samples: most_of_a_pixel, total, pixels,
+                   range_z, the least and greatest depth as it stands in the file
       color        channels, nonfinite_pixels; with alpha nothing_pixels, where it is 0, and
                    partial_pixels, where it is below 1; null if there is none
       color_note   how the colour would be read, or why there is none

@@ -55,22 +55,53 @@ class Strip(NamedTuple):
         return rows.reshape(self.window.height, self.window.width)
 
 
-@lru_cache(maxsize=32)
-def sample_counts(path: Path, header: Header, changed: float) -> tuple[int, int, int]:
-    """Most samples of a pixel, samples in all, and pixels that have some.
+class Summary(NamedTuple):
+    """Samples of a deep part.
 
-    Args:
-        path: the file.
-        header: of the deep part.
-        changed: time of the last change of the file.
+    Attributes:
+        most: of the pixel that has most.
+        total: in all.
+        pixels: number of pixels that have some.
+        ends: least and greatest finite depth, as it stands in the file; None if there is none.
+    """
+
+    most: int
+    total: int
+    pixels: int
+    ends: tuple[float, float] | None
+
+
+def most_samples(path: Path, header: Header) -> int:
+    """The number of samples of the pixel with most of them.
+
+    Raises:
+        InputError: the file cannot be decoded.
+    """
+    return _most_samples(path, header, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _most_samples(path: Path, header: Header, changed: int) -> int:
+    return max((strip.most for strip in strips(path, header, counts_alone=True)), default=0)
+
+
+def summary(path: Path, header: Header) -> Summary:
+    """The samples of a deep part, in figures.
+
+    Raises:
+        InputError: the file cannot be decoded.
     """
     import numpy as np
 
-    most = every = pixels = 0
-    for strip in strips(path, header, counts_alone=True):
-        most, every = max(most, strip.most), every + len(strip.rank)
+    most = total = pixels = 0
+    ends: list[float] = []
+    for strip in strips(path, header):
+        most, total = max(most, strip.most), total + len(strip.rank)
         pixels += int(np.count_nonzero(strip.rank == 0))
-    return most, every, pixels
+        depth = strip.values.get(DEPTH, np.zeros(0))
+        finite = depth[np.isfinite(depth)]
+        ends += [float(finite.min()), float(finite.max())] if len(finite) else []
+    return Summary(most, total, pixels, (min(ends), max(ends)) if ends else None)
 
 
 def strips(path: Path, header: Header, *, counts_alone: bool = False) -> Iterator[Strip]:

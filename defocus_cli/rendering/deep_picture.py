@@ -102,7 +102,6 @@ def read_deep(
     Raises:
         InputError: the file cannot be read, or a sample has no depth.
     """
-    from defocus_cli.depth_formats.depth import decoded_alike
     from defocus_cli.exr.deep_samples import ALPHA, DEPTH
     from defocus_cli.exr.reading import read_layers
 
@@ -113,18 +112,39 @@ def read_deep(
     names = {channel.plain: channel.name for channel in header.channels}
     sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
     read = read_layers(picture.color, header, sources, keeping, color.overscan)
-    metres = decoded_alike(
-        [layer[DEPTH] for layer in read.layers],
-        replace(reading, part=None),
-        depth,
-        keeping=keeping,
-        size=color.size,
-        lens_focal=lens_focal,
-    )
+    reading = replace(reading, part=None)
+    metres = [
+        _metres(layer[DEPTH], reading, color, depth, keeping, lens_focal) for layer in read.layers
+    ]
     alpha = tuple(layer[ALPHA] for layer in read.layers)
     depths = tuple(_depth(depth, *pair) for pair in zip(metres, alpha, strict=True))
     light = tuple(tuple(layer[name] for name in sources) for layer in read.layers)
     return Layers(light, alpha, depths, len(color.light), read.merged)
+
+
+def _metres(
+    numbers: Any,
+    reading: Reading,
+    color: Color,
+    like: Depth,
+    keeping: Keeping,
+    lens_focal: float | None,
+) -> Any:
+    """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
+    from defocus_cli.depth_formats.resolving import resolved
+    from defocus_cli.depth_formats.rules import decoded
+    from defocus_cli.depth_formats.samples import Samples
+
+    samples = Samples(numbers, "EXR", "", channel=like.channel)
+    decoding = resolved(
+        like.path, reading, samples, picture_width=color.size[0], lens_focal=lens_focal
+    )
+    metres, frame = keeping.new(numbers.shape, "float32"), (numbers.shape[0], numbers.shape[1])
+    for rows in bands(numbers.shape):
+        metres[rows] = decoded(
+            numbers[rows], decoding, first_row=rows.start, frame=frame, overscan=like.overscan
+        )
+    return metres
 
 
 def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
@@ -164,7 +184,9 @@ def layered(layers: Layers, lens: Lens, keeping: Keeping, device: str, longer: f
 
     radii = [times(radius_map(lens, depth, keeping)[0], longer) for depth in layers.depths]
     return Layered.of(
-        _Light(layers.light, device), Windows(radii, device), Windows(layers.alpha, device)
+        _Light(layers.light, device),
+        Windows(radii, device),
+        Windows(layers.alpha, device),
     )
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Either
-from defocus_cli.elements.plate import check_over, read_plate
+from defocus_cli.elements.plate import read_over
+from defocus_cli.exr.views import require_view
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
 from defocus_cli.rendering.deep_picture import deep_header, read_deep
@@ -46,7 +47,7 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     if picture.over is not None:
-        return _over(job, held)
+        return _over_plate(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
     if not job.outputs.need_rendering:
         return Loaded(held, color, depth)
@@ -66,32 +67,24 @@ def load_inputs(job: Job) -> Loaded:
     return Loaded(held, color, depth, (behind, behind_depth))
 
 
-def _over(job: Job, held: Holding) -> Loaded:
+def _over_plate(job: Job, held: Holding) -> Loaded:
     """An element and the plate that it lies over, decoded.
 
     Raises:
         InputError: an input cannot be used.
         UsageProblem: a hidden layer is given, too.
     """
-    picture = job.picture
-    assert picture.over is not None
-    if picture.hidden is not None:
+    if job.picture.hidden is not None:
         raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
-    plate_overscan = overscan_of(picture.over, replace(job.reading, color_layer=None))
+    if deep_header(job.picture, job.reading, parts_of(job.picture, job.reading)[0]) is not None:
+        remedy = "render it alone, or flatten it first"
+        raise InputError(job.picture.color, "is deep, and --over takes flat elements", remedy)
 
-    def read_one(one: Picture, reading: Reading) -> tuple[Color, Depth]:
-        return read(one, reading, held.keeping, job.lens_focal, plate_overscan)
+    def read_one(one: Picture, reading: Reading, most: Overscan) -> tuple[Color, Depth]:
+        return read(one, reading, held.keeping, job.lens_focal, most)
 
-    color, depth = read_one(picture, job.reading)
-    most = color.overscan
-    plate = read_plate(
-        picture.over,
-        job.reading,
-        lambda one, reading: read(one, reading, held.keeping, job.lens_focal, most),
-        held.keeping,
-        most,
-    )
-    return Loaded(held, color, depth, plate=check_over(color, plate))
+    color, depth, plate = read_over(job.picture, job.reading, read_one, held.keeping)
+    return Loaded(held, color, depth, plate=plate)
 
 
 def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
@@ -256,7 +249,7 @@ def read(
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
-    require_view(picture, reading)
+    require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts)
     overscan = overscan if most is None else overscan.within(most)
     color = read_color(
@@ -288,21 +281,3 @@ def read(
     require_valid(depth)
     require_finite(color)
     return color, depth
-
-
-def require_view(picture: Picture, reading: Reading) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: neither the colour nor the depth file has any.
-    """
-    from defocus_cli.exr.header import is_exr, read_headers
-    from defocus_cli.exr.views import views_of
-    from defocus_cli.system.safe_files import read_head
-
-    if reading.view is None:
-        return
-    exrs = [path for path in (picture.color, picture.depth) if is_exr(read_head(path))]
-    if not any(views_of(read_headers(path)) for path in exrs):
-        problem = f"has no views, and so no view {reading.view}"
-        raise InputError(picture.color, problem, "leave --view out")

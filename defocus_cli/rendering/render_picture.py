@@ -101,7 +101,7 @@ def _fill(
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.place(loaded.layers.in_order(part) if loaded.layers else part)
+                images.place(loaded.in_order(part))
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -144,8 +144,11 @@ def stream_of(
         decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
     )
     if loaded.plate is not None:
-        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
-        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        radii = tuple(times(array, longer) for array in radius.arrays)
+        layers, repair = layers_of(loaded.color, loaded.plate, radii, settings, device)
+        stream = Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        stream.repair = repair
+        return stream
     if loaded.layers is not None:
         known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
         if known.open or known.number > 1:
@@ -179,10 +182,6 @@ class _Images:
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
-        self._order = list(range(channels))
-        if loaded.plate is not None:  # the alpha of layers is their last channel
-            alpha = len(loaded.color.light)
-            self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         self.invented = 0
@@ -207,8 +206,6 @@ class _Images:
         self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
             views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
-            if KINDS[kind].image and self._order != sorted(self._order):
-                views = [view[self._order] for view in views]
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:

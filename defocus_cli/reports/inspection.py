@@ -85,13 +85,31 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     return {
         "file": str(path),
         "size": [info.width, info.height],
-        "parts": [_part_record(part) for part in info.parts],
+        "parts": [_part_record(part) | _samples_of(path, part) for part in info.parts],
         "color": color,
         "color_note": color_note,
         "depth": depth,
         "depth_note": depth_note,
         "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
         "maps": maps,
+    }
+
+
+def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
+    """The samples of a deep part of an EXR in figures; nothing of others."""
+    from defocus_cli.exr.deep_samples import summary
+    from defocus_cli.exr.header import read_headers
+
+    if not part.deep or part.data_window is None:
+        return {}
+    found = summary(path, read_headers(path)[part.index])
+    return {
+        "samples": {
+            "most_of_a_pixel": found.most,
+            "total": found.total,
+            "pixels": found.pixels,
+            "range_z": None if found.ends is None else list(found.ends),
+        }
     }
 
 

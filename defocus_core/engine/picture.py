@@ -33,6 +33,7 @@ class Picture:
         frame: The frame, in px or in cells.
         image: [C, h, w] pixels to render; at half size cells, with one channel more.
         signed_radius: [h, w] radii to render by, in px or in cells.
+        layered: The layers of which it is the picture; None for a picture of its own.
         reaching: [h, w] the radii whose light reaches farthest, in px or in cells.
     """
 
@@ -75,7 +76,7 @@ class Picture:
                 decided=settings.decided,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
-        self._layered = layered
+        self.layered = layered
         if layered is not None:
             quality = quality.of_layers(layered.number)
         by_scene = quality.half_size and settings.by_scene
@@ -121,7 +122,7 @@ class Picture:
             self.image,
             self.signed_radius,
             self._hidden,
-            layered=self._layered,
+            layered=self.layered,
             reaching=self.reaching,
             at_once=at_once,
             progress=progress,
