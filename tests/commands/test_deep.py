@@ -10,8 +10,11 @@ from deep_files import from_layers, write_deep_samples
 from layers import brute_force, flattened
 from measures import psnr
 
-from defocus_core import DefocusLens
+from defocus_cli.exr.header import read_headers
+from defocus_cli.exr.reading import read_layers
+from defocus_core import DefocusLens, render_layers
 
+ELEMENTS = Path(__file__).parents[3] / "shared" / "real" / "elements"
 SIZE = (40, 56)
 LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
 FLOAT = ("--exr-type", "float")
@@ -165,3 +168,27 @@ def test_truncated_deep_data_is_refused(tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
     refused_input(render(file, "-o", tmp_path / "out", *LENS), file, "truncated or damaged")
     assert not (tmp_path / "out/render").exists() or not any((tmp_path / "out/render").iterdir())
+
+
+@pytest.mark.skipif(not ELEMENTS.is_dir(), reason="needs ../shared/real/elements")
+@pytest.mark.parametrize(
+    ("name", "focus", "scale"),
+    [("leaves", 150.0, 1800.0), ("leaves", 400.0, 1100.0), ("trunks", 250.0, 1900.0)],
+)
+def test_real_deep_pictures_are_near_the_brute_force_one(
+    name: str, focus: float, scale: float
+) -> None:
+    path = ELEMENTS / f"{name}_deep.exr"
+    header = read_headers(path)[0]
+    part = [
+        {n: np.asarray(plane[150:342, 300:556], np.float32) for n, plane in layer.items()}
+        for layer in read_layers(path, header, ("R", "G", "B")).layers
+    ]
+    colors = torch.from_numpy(np.stack([np.stack([each[n] for n in "RGB"]) for each in part]))
+    coverage, depth = (torch.from_numpy(np.stack([each[n] for each in part])) for n in "AZ")
+    radius = torch.where(coverage > 0, scale * (1 / focus - 1 / depth), 0)
+    assert 8 < radius.abs().max() < 12 or name == "trunks"
+    truth = brute_force(colors, radius, coverage)[:, 12:-12, 12:-12]
+    shown = render_layers(colors, radius, coverage).render.double()[:, 12:-12, 12:-12]
+    assert psnr(shown, truth) > 48
+    assert psnr(shown[:3], truth[:3]) > 55
