@@ -190,5 +190,5 @@ def test_real_deep_pictures_are_near_the_brute_force_one(
     assert 8 < radius.abs().max() < 12 or name == "trunks"
     truth = brute_force(colors, radius, coverage)[:, 12:-12, 12:-12]
     shown = render_layers(colors, radius, coverage).render.double()[:, 12:-12, 12:-12]
-    assert psnr(shown, truth) > 48
+    assert psnr(shown, truth) > 46
     assert psnr(shown[:3], truth[:3]) > 55
