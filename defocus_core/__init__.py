@@ -11,6 +11,7 @@ from defocus_core.depth.conversion import (
     planar_depth,
 )
 from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.guided_resize import GuidedDepth
 from defocus_core.depth.repair import diagnose_depth, repair_depth
 from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
@@ -22,6 +23,7 @@ from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
+from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
@@ -32,13 +34,22 @@ from defocus_core.layers.quality import QUALITIES
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
+from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render, render_layers
+from defocus_core.sequences.motion import Frame, chained
+from defocus_core.sequences.seen_behind import seen_behind
+from defocus_core.sequences.shot_repair import agreed_repair, repair_through
+from defocus_core.sequences.temporal_mean import temporal_mean
 from defocus_core.stream import Stream
 
 __all__ = [
     "ATTEMPTS",
+    "AUTO_LIGHTS",
     "DEPTH_REPAIRS",
+    "DUAL_PIXEL_MODELS",
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
@@ -49,11 +60,15 @@ __all__ = [
     "DefocusLens",
     "DepthRepair",
     "Distribution",
+    "DualPixel",
     "Errors",
+    "Frame",
+    "GuidedDepth",
     "HiddenLayer",
     "Layered",
     "Lenses",
     "Pixels",
+    "PupilImage",
     "RandomDefocus",
     "Scenery",
     "Setting",
@@ -61,8 +76,10 @@ __all__ = [
     "Stream",
     "UnreachableTolerance",
     "Views",
+    "agreed_repair",
     "baselines",
     "cells_bytes",
+    "chained",
     "cheapest_within",
     "cost",
     "depth_from_disparity",
@@ -78,6 +95,11 @@ __all__ = [
     "render_layers",
     "repair_depth",
     "repair_options",
+    "repair_through",
     "scenery",
+    "seen_behind",
+    "temporal_mean",
     "verify",
+    "with_lights",
+    "with_noise",
 ]

@@ -20,10 +20,9 @@ from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.views import Views, batch
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.thin_lens import bad_depth
 from defocus_core.render import render
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import depth_maps, described, number, positive
+from defocus_core.runtime.validation import bad_depth, depth_maps, described, number, positive
 
 Option = float | Distribution
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))
@@ -148,6 +147,13 @@ class RandomDefocus(torch.nn.Module):
                 picture suits it: the focus is too near, or the blur exceeds `max_radius`.
         """
         self._check()
+        with own_modes(image.device):
+            return self._defocused(image, depth, seeds)
+
+    def _defocused(
+        self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
+    ) -> tuple[Views, Lenses]:
+        """`forward` with options that are checked."""
         maps = depth_maps(image, depth, torch.float32, image.device)
         if not bool((maps > 0).all()):
             raise bad_depth("depth", maps, maps > 0, "positive")
@@ -184,8 +190,7 @@ class RandomDefocus(torch.nn.Module):
         for attempt in range(ATTEMPTS):
             options = drawn(choices, seed, attempt)
             if getattr(self.foc_dist, "kind", "") == "percentile":
-                with own_modes(depth.device):
-                    foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
+                foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
                 options["foc_dist"] = math.inf if foc_dist is None else foc_dist
             if not options["foc_dist"] > options["foclen"]:
                 problem = (

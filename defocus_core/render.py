@@ -18,6 +18,7 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.runtime.torch_modes import own_modes
 from defocus_core.runtime.validation import check_image, dense, described, numbers
 
@@ -37,6 +38,7 @@ def render(
     infinity: float | None = None,
     depth_repair: str = "auto",
     edge_width: float | None = None,
+    dual_pixel: DualPixel | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -63,8 +65,7 @@ def render(
         hidden: The surface behind the visible one where it is known, shaped as the image and the
             radius; elsewhere it is continued from farther surfaces.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
-        threads: Tiles computed at once. With more than one, torch itself should use one thread
-            (torch.set_num_threads(1)).
+        threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, or in cells of two px in a draft, 16 at least; another side
             changes results in the last digits.
         infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
@@ -76,6 +77,8 @@ def render(
             all else is found as by "auto"; from 0 on, each ramp is an edge.
         edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
             that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
+        dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
+            aperture.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -97,6 +100,7 @@ def render(
         infinity=infinity,
         depth_repair=depth_repair,
         edge_width=edge_width,
+        dual_pixel=DualPixel() if dual_pixel is None else dual_pixel,
     )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)

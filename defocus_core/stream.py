@@ -40,8 +40,8 @@ class Stream(Picture):
             signed_radius: [H, W] px, negative nearer than focus, the same.
             settings: The options of `render`.
             hidden: The known layer behind the visible surface.
-            layered: The layers of which `image` and `signed_radius` are `picture(alpha=True)` and
-                `nearest()`.
+            layered: The layers of which `image`, with alpha, is the `picture` in focus and
+                `signed_radius` the `nearest` radius; the regions have alpha, too.
             hold: Whether there is room for repaired radii and the cells of a draft, together two
                 thirds of the picture in float32; without room those of a large picture are computed
                 anew for each window.

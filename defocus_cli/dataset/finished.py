@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.dataset.sample_index import NAME
-from defocus_cli.jobs.job import Lens
+from defocus_cli.jobs.job import EFFECTS, Lens
+from defocus_cli.jobs.quantities import distances, highlights, noise
 from defocus_cli.system.errors import InputError, reason
 
 
@@ -30,7 +31,7 @@ class Sample:
     Attributes:
         sample_id: name of the sample, the stem of its files.
         files: the file of each kind.
-        inputs: the input file of each role: color, depth, hidden_color, hidden_depth, and
+        inputs: the input file of each role: color, depth, those of hidden and over, and
             depth_sidecar, depth_mask of depth formats that have them.
         lens: the lens, with the focus distance in mm.
         size: width and height in px.
@@ -73,7 +74,7 @@ def _sample(root: Path, line: str, where: str) -> Sample:
             sample_id=record["sample_id"],
             files={kind: root / path for kind, path in record["outputs"].items()},
             inputs={role: root / path for role, path in record["inputs"].items()},
-            lens=_lens(record["lens"]),
+            lens=_lens(record["lens"], record["inputs"].get("aperture_image")),
             size=(record["width"], record["height"]),
             coc_px=(record["coc_min_px"], record["coc_max_px"]),
             quality=record["quality"],
@@ -84,17 +85,25 @@ def _sample(root: Path, line: str, where: str) -> Sample:
         raise InputError(where, problem, "let the batch write it again") from None
 
 
-def _lens(entry: Mapping[str, Any]) -> Lens:
-    blades, blade_rotation = entry["blades"], entry["blade_rotation_deg"]
+def _lens(entry: Mapping[str, Any], aperture_image: str | None) -> Lens:
+    shape = {"blades": entry["blades"], "blade_rotation": entry["blade_rotation_deg"]}
+    shape |= {name: entry[name] for name in EFFECTS if name in entry}
+    if aperture_image is not None:
+        shape["aperture_image"] = Path(aperture_image)
+    if "highlights" in shape:
+        shape["highlights"] = highlights(shape["highlights"])
+    if "noise" in shape:
+        shape["noise"] = noise(shape["noise"])
+    if "sharp_range" in shape:
+        shape["sharp_range"] = distances(shape["sharp_range"])
     if entry["focal_length_mm"] is None:  # the radii came from a file
-        return Lens(math.nan, math.nan, None, blades=blades, blade_rotation=blade_rotation)
+        return Lens(math.nan, math.nan, None, **shape)
     return Lens(
         foclen=entry["focal_length_mm"],
         fnum=entry["fnumber"],
         foc_dist=math.inf if entry["focus_mm"] is None else entry["focus_mm"],
         focus_at=tuple(entry["focus_at_px"]) if entry["focus_at_px"] else None,
         sensor_width=entry["sensor_width_mm"],
-        blades=blades,
-        blade_rotation=blade_rotation,
         focus_percentile=entry["focus_percentile"],
+        **shape,
     )

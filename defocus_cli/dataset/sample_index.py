@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.formats.kinds import KINDS
+from defocus_cli.jobs.job import EFFECTS
 from defocus_cli.system.safe_files import written_whole
 
 NAME = "metadata.jsonl"
@@ -150,6 +151,7 @@ def _lens(lens: Record) -> dict[str, Any]:
         "focus_percentile": lens.get("focus_percentile"),
         "blades": lens["blades"],
         "blade_rotation_deg": float(lens["blade_rotation_deg"]),
+        **{name: lens[name] for name in EFFECTS if name in lens},
         "draw_seed": draw.get("seed"),
         "draw_index": draw.get("index"),
         "draw_attempt": draw.get("attempt"),

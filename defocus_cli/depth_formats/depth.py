@@ -184,34 +184,6 @@ def require_valid(depth: Depth) -> None:
     raise InputError(depth.path, problem, remedy)
 
 
-def resized(depth: Depth, size: tuple[int, int], keeping: Keeping) -> Depth:
-    """The depth at another size (width, height), each pixel that of the nearest pixel centre.
-
-    Any mean of depths is a surface that is not there.
-
-    Raises:
-        InputError: the two sizes differ in their aspect by more than a pixel, or the file holds
-            radii, which are px of its own size.
-    """
-    import numpy as np
-
-    (width, height), (rows, columns) = size, depth.metres.shape
-    if depth.is_radius:
-        problem = f"holds radii in px of a picture of {columns}x{rows} px"
-        raise InputError(depth.path, problem, "give radii of the size of the colour")
-    if abs(width * rows - height * columns) > max(width, height, rows, columns):
-        problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        raise InputError(depth.path, problem, "cut depth and colour to one aspect")
-    metres = keeping.new((height, width), np.float32)
-    across = ((np.arange(width) + 0.5) * columns / width).astype(int)
-    down = ((np.arange(height) + 0.5) * rows / height).astype(int)
-    for band in bands((height, width)):
-        first, last = int(down[band][0]), int(down[band][-1])
-        metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
-    note = f"{depth.note}, {columns}x{rows} px resized by nearest"
-    return replace(depth, metres=metres, note=note)
-
-
 def _strided(samples: Samples, step: int) -> Samples:
     """Every so many rows and columns."""
     values = samples.values[::step, ::step]

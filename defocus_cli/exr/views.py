@@ -78,6 +78,12 @@ def default_warning(headers: Sequence[Header], view: str | None) -> str:
     return f"view {views[0]} taken, the default of {', '.join(views)}; --view names another"
 
 
+def name_in_view(name: str, view: str) -> str:
+    """The name of a channel in a view that is not the default one."""
+    layer, _, base = name.rpartition(".")
+    return ".".join(filter(None, (layer, view, base)))
+
+
 def _restricted(header: Header, views: Sequence[str], chosen: str) -> Header:
     """A part with the channels of a view and those of none."""
     of_part = header.view or ("" if header.multi_view else _of_part(header))

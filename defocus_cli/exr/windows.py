@@ -81,6 +81,20 @@ class Window(NamedTuple):
         )
 
 
+class Layout(NamedTuple):
+    """Where the pixels of a file lie.
+
+    Attributes:
+        corner: x and y of the first pixel.
+        display: the display window; None of all pixels.
+        views: the views whose channels are in the file, the default one first; none of one.
+    """
+
+    corner: tuple[int, int] = (0, 0)
+    display: Window | None = None
+    views: tuple[str, ...] = ()
+
+
 def _cut(start: int, length: int, first: int, last: int) -> slice:
     """The part of a row of pixels from ``start`` on that lies between two pixels, both included."""
     begin = min(max(first - start, 0), length)

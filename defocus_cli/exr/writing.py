@@ -10,7 +10,7 @@ import struct
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.header import STRUCTURAL, Raw, header_bytes, read_attributes
-from defocus_cli.exr.windows import Window
+from defocus_cli.exr.windows import Layout, Window
 from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.safe_files import quiet, written_whole
 
@@ -30,8 +30,7 @@ def write_exr(
     path: Path,
     channels: Mapping[str, Any],
     attributes: Mapping[str, object],
-    corner: tuple[int, int] = (0, 0),
-    display: Window | None = None,
+    layout: Layout = Layout(),  # noqa: B008 - a constant
 ) -> None:
     """Write one part whose pixel types are those of the arrays.
 
@@ -43,8 +42,7 @@ def write_exr(
         channels: name to float16, float32 or uint32 array [H, W], which is read in strips of
             rows.
         attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
-        corner: x and y of the first pixel.
-        display: the display window; None of all pixels.
+        layout: where the pixels lie.
 
     Raises:
         InputError: the file cannot be written.
@@ -53,12 +51,15 @@ def write_exr(
     carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
     plain = {name: value for name, value in kept.items() if name not in carried}
     height, width = next(iter(channels.values())).shape
-    (x, y), offsets = corner, b""
+    (x, y), offsets = layout.corner, b""
     whole = Window(x, y, x + width - 1, y + height - 1)
     windows = {
         name: Raw("box2i", struct.pack("<4i", *window))
-        for name, window in (("dataWindow", whole), ("displayWindow", display or whole))
+        for name, window in (("dataWindow", whole), ("displayWindow", layout.display or whole))
     }
+    if layout.views:
+        texts = (struct.pack("<i", len(view)) + view.encode() for view in layout.views)
+        carried["multiView"] = Raw("stringvector", b"".join(texts))
     with written_whole(path) as file, quiet():
         for strip_attributes, starts, chunks in _encoded_strips(channels, plain, whole):
             if not offsets:
@@ -113,3 +114,22 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
         beyond = np.abs(values) > largest
         clamped = clamped.clamp(-float(largest), float(largest))
     return clamped.half().numpy(), beyond  # ten times as fast as NumPy
+
+
+def as_half(plane: Any) -> Any:
+    """An array [H, W] as half, clamped; itself if it is."""
+    import numpy as np
+
+    return plane if plane.dtype == np.float16 else _Half(plane)
+
+
+class _Half:
+    """A float32 array [H, W] as half, clamped."""
+
+    def __init__(self, whole: Any) -> None:
+        import numpy as np
+
+        self._whole, self.shape, self.dtype = whole, whole.shape, np.dtype(np.float16)
+
+    def __getitem__(self, rows: slice) -> NDArray[np.float16]:
+        return clamped_half(self._whole[rows])[0]

@@ -43,6 +43,7 @@ class Color:
         path: the file.
         attributes: metadata for the output to carry: `Raw` of an EXR file, `Tag` of others.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
+        pixel_aspect: width of a pixel by its height.
         corner: x and y of the first pixel shown, for an EXR output to be where the input is.
         overscan: pixels of the planes and the extras beyond the picture shown.
         note: how the samples were read, in words.
@@ -55,6 +56,7 @@ class Color:
     path: Path
     attributes: Mapping[str, object] = field(default_factory=dict)
     extras: dict[str, Any] = field(default_factory=dict)
+    pixel_aspect: float = 1.0
     corner: tuple[int, int] = (0, 0)
     overscan: Overscan = NO_OVERSCAN
     passes: tuple[str, ...] = ()

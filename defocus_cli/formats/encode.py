@@ -16,7 +16,8 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.exr.writing import clamped_half, write_exr
+from defocus_cli.exr.windows import Layout
+from defocus_cli.exr.writing import as_half, clamped_half, write_exr
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.tags import Tag, set_tag
 from defocus_cli.system.arrays import Stack, bands
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
     import numpy as np
     from numpy.typing import NDArray
-
-    from defocus_cli.exr.windows import Window
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
 _BLOCK = 1 << 20  # bytes copied at once
@@ -52,8 +51,7 @@ def write_image(
     jpeg_quality: int = 95,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
-    corner: tuple[int, int] = (0, 0),
-    display: Window | None = None,
+    layout: Layout | None = None,
     clamped: int = 0,
 ) -> list[str]:
     """Write an image.
@@ -68,8 +66,7 @@ def write_image(
         jpeg_quality: 1 to 100.
         attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
         extras: further EXR channels, written with their own types; other formats drop them.
-        corner: x and y of an EXR's first pixel.
-        display: the display window of an EXR, None of all its pixels.
+        layout: where the pixels of an EXR lie.
         clamped: pixels that had to be clamped to be half.
 
     Returns:
@@ -82,10 +79,10 @@ def write_image(
     if path.suffix.lower() == ".exr":
         planes = _planes(pixels)
         if exr_type == "half" and pixels.dtype == "f4":
-            clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
+            clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
         kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
-        write_exr(path, {**(extras or {}), **named}, kept, corner, display)
+        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout())
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
@@ -207,25 +204,6 @@ def encoded_samples(
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
             raise InputError(path, problem, "write EXR instead")
         yield memory
-
-
-def as_half(plane: Any) -> Any:
-    """An array [H, W] as half, clamped; itself if it is."""
-    import numpy as np
-
-    return plane if plane.dtype == np.float16 else _Half(plane)
-
-
-class _Half:
-    """A float32 array [H, W] as half, clamped."""
-
-    def __init__(self, whole: Any) -> None:
-        import numpy as np
-
-        self._whole, self.shape, self.dtype = whole, whole.shape, np.dtype(np.float16)
-
-    def __getitem__(self, rows: slice) -> NDArray[np.float16]:
-        return clamped_half(self._whole[rows])[0]
 
 
 def _planes(pixels: Any) -> list[Any]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # Names of colour, and of the layer that holds the whole picture beside its passes.
 _LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}
 _WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
-_NEARLY_SQUARE = 1e-3  # allowed relative difference of the sides of a pixel
+_ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
 
 
 class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
@@ -63,13 +63,13 @@ def choose_color(
     Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
 
     Raises:
-        InputError: there is none, or several; or its pixels are not square.
+        InputError: there is none, or several; or its pixels are of an aspect that none has.
     """
     chosen = _chosen_color(path, headers, layer, part)
-    aspect = chosen.header.pixel_aspect
-    if not abs(aspect - 1) <= _NEARLY_SQUARE:
+    aspect, (least, most) = chosen.header.pixel_aspect, _ASPECTS
+    if not least <= aspect <= most:
         problem = f"has pixels {aspect:g} times as wide as high"
-        raise InputError(path, problem, "resample it to square pixels: a lens blurs in circles")
+        raise InputError(path, problem, f"resample it to pixels of {least:g} to {most:g} times")
     return chosen
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.chroma import rgb_of, weights_of
-from defocus_cli.exr.header import Raw, read_headers
+from defocus_cli.exr.header import Header, Raw, read_headers
 from defocus_cli.exr.reading import Part, read_parts
 from defocus_cli.exr.views import default_warning, in_view
 from defocus_cli.exr.windows import Overscan
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_NEARLY_SQUARE = 1e-3  # difference of the sides of a pixel as a share of one
 _THUMBNAIL = "preview"  # attribute of an EXR header
 
 
@@ -55,6 +56,7 @@ def read_exr_color(
         passes=passes,
         attributes=attributes,
         extras=extras,
+        pixel_aspect=_aspect(chosen.header),
         corner=(chosen.header.display.x0, chosen.header.display.y0),
         overscan=overscan,
         note=_exr_note(chosen, overscan),
@@ -86,6 +88,12 @@ def _planes(
     return (*names, "A"), [*planes, alpha]
 
 
+def _aspect(header: Header) -> float:
+    """Width of a pixel by its height, 1 if it is nearly square."""
+    aspect = header.pixel_aspect
+    return 1.0 if abs(aspect - 1) <= _NEARLY_SQUARE else aspect
+
+
 def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     header, names = chosen.header, chosen.channels.values()
     kinds = {channel.type for channel in header.channels if channel.name in names}
@@ -93,7 +101,11 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     view = f"view {header.shown}" if header.shown else ""
     chroma = "luminance and chroma" if "RY" in chosen.channels else ""
     kind = f"EXR {' and '.join(sorted(kinds))}, linear"
-    return ", ".join(filter(None, (kind, view, chroma, header.cut_note(overscan), thumbnail)))
+    aspect = _aspect(header)
+    pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
+    return ", ".join(
+        filter(None, (kind, view, chroma, pixels, header.cut_note(overscan), thumbnail))
+    )
 
 
 def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:

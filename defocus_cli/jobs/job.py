@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.sidecars import files_beside
-from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
+from defocus_cli.formats.kinds import KINDS, PREVIEW, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
+DUAL_PIXEL_MODELS = ("split", "smooth")
+FRAME_ROLE = "frame"  # of other frames among the inputs
+OTHERS = ("hidden", "over")  # pictures that belong to another one
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -26,22 +29,34 @@ TILES = (16, 1 << 14)  # px; of defocus_core, too
 class Picture:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both.
 
-    `hidden` is a picture of what lies behind the visible surface, where that is known; `frame` its
-    number in a shot.
+    Attributes:
+        stem: its name.
+        color: its colour file.
+        depth: its depth file; of a plate that has none its colour file.
+        hidden: a picture of what lies behind the visible surface, where that is known.
+        over: the plate that it lies over, if it is an element.
+        frame: its number in a shot.
     """
 
     stem: str
     color: Path
     depth: Path
     hidden: Picture | None = None
+    over: Picture | None = None
     frame: int | None = None
 
     @property
+    def others(self) -> dict[str, Picture]:
+        """The pictures of the same scene that belong to it, by role: hidden, over."""
+        found = {role: getattr(self, role) for role in OTHERS}
+        return {role: picture for role, picture in found.items() if picture is not None}
+
+    @property
     def files(self) -> dict[str, Path]:
-        """Its files by role: color, depth; hidden_color, hidden_depth if it has any."""
+        """Its files by role: color, depth; hidden_color, hidden_depth, over_color, … if any."""
         files = {"color": self.color, "depth": self.depth}
-        if self.hidden is not None:
-            files |= {"hidden_color": self.hidden.color, "hidden_depth": self.hidden.depth}
+        for role, other in self.others.items():
+            files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
         return files
 
 
@@ -82,14 +97,52 @@ class Lens:
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
+    sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
+    blade_curvature: float = 0.0
+    obstruction: float = 0.0
+    spherical: float = 0.0
+    squeeze: float = 1.0
+    aperture_image: Path | None = None
+    highlights: tuple[float, float] | None = None  # threshold in linear light, and gain
+    dp_model: str = "split"
+    dp_crosstalk: float = 0.0
+    noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
+    noise_seed: int = 0
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)
 
     @property
+    def effects(self) -> dict[str, Any]:
+        """Its effects that are on, by the names of their fields: what a lens is without blades."""
+        values = {name: getattr(self, name) for name in EFFECTS}
+        effects = {name: value for name, value in values.items() if value != EFFECTS[name]}
+        if self.aperture_image is not None:
+            effects["aperture_image"] = self.aperture_image.name
+        if self.sharp_range is not None:
+            effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.highlights is not None:
+            effects["highlights"] = "{:g}:{:g}".format(*self.highlights)
+        if self.noise is not None:
+            effects["noise"] = "{:g}:{:g}".format(*self.noise)
+        return effects
+
+    @property
     def is_shape(self) -> bool:
         """Whether only the shape of the opening is known, as beside a file of radii."""
         return math.isnan(self.foclen)
+
+
+# Fields of effects that most lenses have not got, and their values if they are off.
+EFFECTS = {
+    field.name: field.default
+    for field in fields(Lens)
+    if field.name
+    in (
+        *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
+        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed", "highlights"),
+    )
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,8 +186,7 @@ class Outputs:
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
-        suffix = SUFFIXES[self.format]
-        names = {k.name: f"{k.name}/{stem}{suffix if k.image else '.exr'}" for k in self.rows}
+        names = {k.name: f"{k.name}/{stem}{k.suffix(self.format)}" for k in self.rows}
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
@@ -156,6 +208,48 @@ class Machine:
 
 
 @dataclass(frozen=True)
+class Taken:
+    """A frame of a shot, and the lens that takes it."""
+
+    picture: Picture
+    lens: Lens
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The frames of a shot that decide, besides its own, what a picture looks like.
+
+    Attributes:
+        sample: frames by which is decided for all of the shot how depth is repaired and where a
+            focus lies that the depth decides; empty if each frame decides for itself.
+        window: the frame and its neighbours, ascending: their depth is averaged where the scene is
+            still, and with motion vectors they show what is hidden.
+        focus: frames whose focus is averaged for the focus of this one; empty for its own.
+        motion: layer of motion vectors in the files; None if there is none.
+    """
+
+    sample: tuple[Taken, ...] = ()
+    window: tuple[Picture, ...] = ()
+    focus: tuple[Taken, ...] = ()
+    motion: str | None = None
+
+    @property
+    def pictures(self) -> dict[int, Picture]:
+        """All of these frames by number."""
+        taken = (each.picture for each in (*self.sample, *self.focus))
+        return {int(p.frame): p for p in (*taken, *self.window) if p.frame is not None}
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Their files by role, like frame1001_depth."""
+        return {
+            f"{FRAME_ROLE}{number}_{role}": path
+            for number, picture in sorted(self.pictures.items())
+            for role, path in (("color", picture.color), ("depth", picture.depth))
+        }
+
+
+@dataclass(frozen=True)
 class Job:
     """One picture to render."""
 
@@ -165,11 +259,15 @@ class Job:
     outputs: Outputs
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
+    shot: Shot | None = None
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its inputs by role: those of the picture, and those beside its depth that are there."""
-        return self.picture.files | files_beside(self.reading.row, self.picture.depth)
+        """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
+        files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
+        if self.lens.aperture_image is not None and self.outputs.need_rendering:
+            files["aperture_image"] = self.lens.aperture_image
+        return files if self.shot is None else files | self.shot.files
 
     @property
     def lens_focal(self) -> float | None:
@@ -217,6 +315,7 @@ def lens_record(lens: Lens) -> dict[str, Any]:
         "blades": lens.blades,
         "blade_rotation_deg": lens.blade_rotation,
     }
+    record |= lens.effects
     if lens.focus_at is not None:
         record["focus_at_px"] = list(lens.focus_at)
     if lens.focus_percentile is not None:
@@ -236,6 +335,7 @@ def lens_words(lens: Lens) -> str:
 def lens_record_words(lens: Mapping[str, Any]) -> str:
     """A record of a lens in words."""
     shape = f", {lens['blades']} blades" if lens["blades"] else ""
+    shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in EFFECTS if name in lens)
     if lens["focal_length_mm"] is None:
         return f"radii of the file{shape}"
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""

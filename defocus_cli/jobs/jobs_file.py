@@ -5,6 +5,7 @@ A TOML file with the tables
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
   [animate]   keys of lens options by frame, see `defocus_cli.jobs.animation`; ``file``, files of
               keys; ``interpolation``
+  [shot]      steady, focus-smooth, motion: what frames have in common, see `defocus_cli.jobs.shots`
   [sweep]     lists, grids and ranges of lens options, see `defocus_cli.jobs.sweep`
   [sample]    random lenses, see `defocus_cli.jobs.random_lenses`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
@@ -21,13 +22,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
-from defocus_cli.jobs.inputs import read_inputs
-from defocus_cli.jobs.job import QUALITIES, Job, Machine, Outputs, Reading
-from defocus_cli.jobs.lens_plan import read_plan
+from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES, in_one_file
+from defocus_cli.jobs.inputs import read_inputs, read_whole_shot
+from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading
+from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
     NAMES_OF_OPTIONS,
@@ -36,10 +38,11 @@ from defocus_cli.jobs.reading_options import (
     reading_values,
 )
 from defocus_cli.jobs.shot_lenses import animated, read_animation_table
+from defocus_cli.jobs.shots import read_together, with_shot
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_cli.system.errors import UsageProblem
 
-TABLES = ("inputs", "lens", "animate", "sweep", "sample", "reading", "outputs", "machine")
+TABLES = ("inputs", "lens", "animate", "shot", "sweep", "sample", "reading", "outputs", "machine")
 MOST_JOBS = 10_000_000
 
 
@@ -69,11 +72,27 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     if len(entries) * plan.count > MOST_JOBS:
         problem = f"asks for {len(entries) * plan.count} pictures"
         raise UsageProblem(path, problem, f"split it into files of at most {MOST_JOBS}")
-    return [
+    jobs = [
         Job(entry.picture, lens, reading, outputs, machine, suffix)
         for entry in entries
         for suffix, lens in plan.lenses(entry)
     ]
+    together = read_together(named["shot"])
+    every = read_whole_shot(named["inputs"])
+    by_frame = {each.picture.frame: each for each in every}
+
+    @cache
+    def lenses(frame: int | None) -> dict[str, Lens]:
+        (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
+        return dict(plan.lenses(entry))
+
+    return with_shot(
+        jobs,
+        [each.picture for each in every],
+        lambda picture, suffix: lenses(picture.frame)[suffix],
+        together,
+        moving="focus-at" in animation.keys,
+    )
 
 
 def _reading(section: Table, lens: Table, machine: Table) -> Reading:
@@ -86,14 +105,12 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
             raise UsageProblem(machine.place("depth-repair"), problem, "keep one of them")
         repair = {"depth-repair": machine.values["depth-repair"]}
         values |= reading_values(repair, machine.place)
-    file = lens.text("file")
-    below = lens_file_reading(None if file is None else lens.file.parent / file)
-    return make_reading(values, below, section.place("edge-width"))
+    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
     section.refuse_unknown(
-        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan")
+        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan")
     )
     name = section.values.get("format")
     if isinstance(name, str):
@@ -108,6 +125,9 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "keep_overscan": section.flag("keep-overscan"),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
+    if section.flag("multiview"):
+        kinds = in_one_file(outputs.kinds, section.place("multiview"))
+        outputs = dataclasses.replace(outputs, kinds=kinds)
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs import quantities
-from defocus_cli.jobs.job import Lens
+from defocus_cli.jobs.job import DUAL_PIXEL_MODELS, Lens
 from defocus_cli.jobs.quantities import length_text, read_at, text_of
 from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
@@ -35,16 +35,37 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "sensor-width": (quantities.length, "sensor"),
     "focus": (quantities.focus, "focus"),
     "focus-at": (quantities.pixel, "at"),
+    "sharp-range": (quantities.distances, "sharp"),
     "blades": (quantities.blades, "blades"),
     "blade-rotation": (quantities.angle, "turn"),
+    "blade-curvature": (quantities.within(0, 1, "a curvature", "like 0.5"), "curve"),
+    "obstruction": (quantities.within(0, 0.95, "a share of the radius", "like 0.4"), "mirror"),
+    "spherical": (quantities.within(-1, 1, "a spherical aberration", "like 0.5"), "ring"),
+    "squeeze": (quantities.within(1, 4, "a squeeze", "like 2"), "squeeze"),
+    "aperture-image": (quantities.file, "pupil"),
+    "highlights": (quantities.highlights, "lights"),
+    "dp-model": (quantities.one_of(DUAL_PIXEL_MODELS, "a model of dual pixels"), "dp"),
+    "dp-crosstalk": (quantities.within(0, 0.49, "a share of the light", "like 0.15"), "crosstalk"),
+    "noise": (quantities.noise, "noise"),
+    "noise-seed": (quantities.seed, "seed"),
 }
 PARSERS = {name: parser for name, (parser, _) in _ROWS.items()}
 LENGTHS = frozenset({"focal-length", "aperture-diameter", "sensor-width", "focus"})
-ALTERNATIVES = (("fnumber", "aperture-diameter"), ("focus", "focus-at"))
+ALTERNATIVES = (
+    ("fnumber", "aperture-diameter"),
+    ("focus", "focus-at"),
+    ("blades", "aperture-image"),
+)
+# Options that change nothing of an opening without blades.
+OF_BLADES = {"blade-rotation": "turns", "blade-curvature": "bends"}
 _DASHES = "--"
 _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an example of each
 # What decides the radii: nothing where a file holds them. The others are the shape of the opening.
-_OPTICS = ("focal-length", "fnumber", "aperture-diameter", "sensor-width", "focus", "focus-at")
+_OPTICS = (
+    *("focal-length", "fnumber", "aperture-diameter", "sensor-width"),
+    *("focus", "focus-at", "sharp-range"),
+)
+SHAPES = tuple(name for name in _ROWS if name not in _OPTICS)
 
 
 @lru_cache(maxsize=65536)
@@ -70,8 +91,16 @@ def checked(name: str, value: object, where: str) -> str:
 
 def tag(name: str, value: Any) -> str:
     """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
-    if isinstance(value, quantities.Percentile):
+    if isinstance(value, Path):
+        text = value.stem
+    elif value is None:
+        text = "off"
+    elif isinstance(value, str):
+        text = value
+    elif isinstance(value, quantities.Percentile):
         text = f"p{value.percent:.6g}"
+    elif name == "sharp-range":
+        text = "-".join(map(length_text, value))
     elif isinstance(value, tuple):
         text = "x".join(map(str, value))
     else:
@@ -82,11 +111,11 @@ def tag(name: str, value: Any) -> str:
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Options of both, of which ``over`` win, also over the alternatives to them.
 
-    If ``over`` makes the aperture round, the rotation of its blades is dropped.
+    If ``over`` makes the aperture one without blades, what shapes the blades is dropped.
     """
     lost = {name for pair in ALTERNATIVES for name in pair if over.keys() & set(pair)}
-    if str(over.get("blades")) == "0":
-        lost.add("blade-rotation")
+    if str(over.get("blades")) == "0" or "aperture-image" in over:
+        lost.update(OF_BLADES)
     return {name: value for name, value in base.items() if name not in lost} | dict(over)
 
 
@@ -118,8 +147,12 @@ def make_lens(
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
         refuse_missing(values, _DASHES, lacking)
-    source = _DASHES if "blade-rotation" in options else f"{file}: "
-    refuse_idle_turn(values.get("blade-rotation"), values.get("blades"), source)
+    if options.get("noise-seed") and "noise" not in values:
+        problem, remedy = "changes nothing without noise", "add --noise 4000:3, or leave it out"
+        raise UsageProblem("--noise-seed", problem, remedy)
+    for name in OF_BLADES:
+        source = _DASHES if name in options else f"{file}: "
+        refuse_idle(name, values.get(name), values.get("blades"), source)
     lens = lens_of(values, _DASHES if {"focus", "focus-at"} & options.keys() else f"{file}: ")
     if lens.foc_dist is not None:
         refuse_near_focus(lens.foc_dist, lens.foclen, f"{lens.focus_source}focus")
@@ -145,11 +178,16 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
         foc_dist=focus if percentile is None else None,
         focus_at=values.get("focus-at"),
         sensor_width=values.get("sensor-width", Lens.sensor_width),
-        blades=values.get("blades", Lens.blades),
-        blade_rotation=values.get("blade-rotation", Lens.blade_rotation),
+        sharp_range=values.get("sharp-range"),
         focus_percentile=percentile,
         focus_source=source,
+        **{field_of(name): values[name] for name in SHAPES if name in values},
     )
+
+
+def field_of(name: str) -> str:
+    """The attribute of `Lens` that has the value of an option of its shape."""
+    return name.replace("-", "_")
 
 
 def read_lens_file(file: Path) -> dict[str, str]:
@@ -164,7 +202,15 @@ def read_lens_file(file: Path) -> dict[str, str]:
     stored = {name: value for name, value in stored.items() if name not in NAMES_OF_OPTIONS}
     refuse_unknown(stored, tuple(PARSERS), file, "a lens file")
     refuse_contradiction(stored, f"{file}: ")
-    return {name: checked(name, value, f"{file}: {name}") for name, value in stored.items()}
+    return {
+        name: based(name, checked(name, value, f"{file}: {name}"), file)
+        for name, value in stored.items()
+    }
+
+
+def based(name: str, text: str, file: Path) -> str:
+    """The text of an option that stands in ``file``: paths are relative to its folder."""
+    return str(file.parent / text) if PARSERS[name] is quantities.file else text
 
 
 def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
@@ -197,7 +243,7 @@ def refuse_optics(names: Iterable[str], source: str) -> None:
     for name in names:
         if name in _OPTICS:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
-            remedy = "leave it out; blades and blade-rotation shape the opening"
+            remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
             raise UsageProblem(f"{source}{name}", problem, remedy)
 
 
@@ -206,13 +252,13 @@ def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if name not in _OPTICS}
 
 
-def refuse_idle_turn(turned: object, blades: object, source: str) -> None:
-    """Raise UsageProblem if a rotation is ``turned``, but the aperture has no ``blades``."""
-    if turned and not blades:
+def refuse_idle(name: str, value: object, blades: object, source: str) -> None:
+    """Raise UsageProblem if an option of blades has a ``value``, but the aperture no ``blades``."""
+    if value and not blades:
         example = "--blades" if source == _DASHES else "blades ="
-        problem = "turns blades; this aperture is round"
+        problem = f"{OF_BLADES[name]} blades; this aperture has none"
         remedy = f"give it some, like {example} 6, or leave it out"
-        raise UsageProblem(f"{source}blade-rotation", problem, remedy)
+        raise UsageProblem(f"{source}{name}", problem, remedy)
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:

@@ -9,19 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from defocus_cli.jobs.inputs import Entry
 from defocus_cli.jobs.job import Draw, Lens
 from defocus_cli.jobs.lens_options import (
     ALTERNATIVES,
+    OF_BLADES,
     PARSERS,
+    based,
     checked,
     lens_of,
     merged,
     parsed,
     read_lens_file,
     refuse_contradiction,
-    refuse_idle_turn,
+    refuse_idle,
     refuse_missing,
     refuse_near_focus,
     refuse_optics,
@@ -29,6 +32,7 @@ from defocus_cli.jobs.lens_options import (
 )
 from defocus_cli.jobs.quantities import Percentile, pixel_count
 from defocus_cli.jobs.random_lenses import Sampling, distribution, drawn_lens, read_sampling
+from defocus_cli.jobs.shipped_lenses import lens_path
 from defocus_cli.jobs.sweep import Point, read_sweep
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem
@@ -103,7 +107,7 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     """
     lens.refuse_unknown(KEYS)
     own = {
-        name: checked(name, lens.values[name], lens.place(name))
+        name: based(name, checked(name, lens.values[name], lens.place(name)), lens.file)
         for name in PARSERS
         if name in lens.values
     }
@@ -118,8 +122,8 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     _refuse_taken(sampling.options, taken, sample.place(""))
     taken |= {same: sample.name for name in sampling.options for same in _with_alternative(name)}
     _refuse_taken(own, taken, lens.place(""))
-    file = lens.text("file")
-    stored = {} if file is None else read_lens_file(lens.file.parent / file)
+    file = lens_file_of(lens)
+    stored = {} if file is None else read_lens_file(file)
     if radii:
         refuse_optics(own, lens.place(""))
         refuse_optics((name for point in points for name in point.options), sweep.place(""))
@@ -136,6 +140,12 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     )
 
 
+def lens_file_of(lens: Table) -> Path | None:
+    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
+    name = lens.text("file")
+    return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))
+
+
 def _max_coc(lens: Table, sample: Table) -> float | None:
     if "max-coc" in sample.values:
         _refuse_taken(lens.values, {"max-coc": sample.name}, lens.place(""))
@@ -150,8 +160,9 @@ def _check_lens(options: Mapping[str, str], source: str, *, radii: bool) -> None
         nearest = min(_extremes(options, "focus"), default=math.inf)
         longest = max(_extremes(options, "focal-length"))
         refuse_near_focus(nearest, longest, f"{source}focus")
-    turned, bladed = (any(_extremes(options, name)) for name in ("blade-rotation", "blades"))
-    refuse_idle_turn(turned, bladed, source)
+    bladed = any(_extremes(options, "blades"))
+    for name in OF_BLADES:
+        refuse_idle(name, any(_extremes(options, name)), bladed, source)
 
 
 def _extremes(options: Mapping[str, str], name: str) -> list[float]:

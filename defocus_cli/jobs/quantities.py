@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import Path
 from typing import TypeVar
 
 from defocus_cli.system.errors import UsageProblem
@@ -22,6 +23,8 @@ _BYTES = {
     **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
     **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
 }
+_MOST_ELECTRONS = 1e9
+AUTO_LIGHTS = (0.93, 16.0)  # threshold and gain; of defocus_core, too
 MOST_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
@@ -61,6 +64,20 @@ def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
 def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
     return _positive(text, "a length", "like 2m or 50mm", _MM)
+
+
+def distances(text: str) -> tuple[float, float]:
+    """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
+
+    They are as they are written: the range holds both.
+    """
+    ends = text.split("..")
+    if len(ends) != 2:
+        raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
+    near, far = length(ends[0]), math.inf if ends[1].strip() == "inf" else length(ends[1])
+    if near > far:
+        raise QuantityError(f"'{text}' ends before it begins", "write the nearer distance first")
+    return near, far
 
 
 def focus(text: str) -> float | Percentile:
@@ -122,6 +139,71 @@ def blades(text: str) -> int:
             f"{count} blades are too many", f"give at most {MOST_BLADES}, or 0 (round)"
         )
     return count
+
+
+def within(least: float, most: float, what: str, example: str) -> Callable[[str], float]:
+    """A parser of plain numbers from ``least`` to ``most``."""
+
+    def parse(text: str) -> float:
+        value = float(_number(text, what, example, {"": 1}))
+        if not least <= value <= most:
+            raise QuantityError(f"'{text}' is not {what}", f"give {least:g} to {most:g}, {example}")
+        return value
+
+    return parse
+
+
+def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
+    """A parser of one of some words."""
+
+    def parse(text: str) -> str:
+        if (word := text.strip().lower()) not in words:
+            raise QuantityError(f"'{text}' is not {what}", f"write {' or '.join(words)}")
+        return word
+
+    return parse
+
+
+def highlights(text: str) -> tuple[float, float] | None:
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
+    if (word := text.strip().lower()) in ("auto", "off"):
+        return AUTO_LIGHTS if word == "auto" else None
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is no THRESHOLD:GAIN", "write auto, or like 0.93:16")
+    example = "like 0.93:16"
+    return (
+        within(0, 0.999, "a threshold in linear light", example)(words[0]),
+        within(1, 1000, "a gain", example)(words[1]),
+    )
+
+
+def noise(text: str) -> tuple[float, float]:
+    """Electrons of a light of 1, and electrons of read noise, from ``4000:3`` or ``4000e:3e``."""
+    words = [word.strip().removesuffix("e") for word in text.split(":")]
+    if len(words) != 2:
+        example = "write ELECTRONS:READ, like 4000:3"
+        raise QuantityError(f"'{text}' is not a noise of a sensor", example)
+    units, what = {"": 1}, "a number of electrons"
+    electrons, read = (float(_number(word, what, "like 4000:3", units)) for word in words)
+    if not (0 < electrons <= _MOST_ELECTRONS and 0 <= read <= _MOST_ELECTRONS):
+        remedy = f"give up to {_MOST_ELECTRONS:g} electrons, like 4000:3"
+        raise QuantityError(f"'{text}' is not a noise of a sensor", remedy)
+    return electrons, read
+
+
+def seed(text: str) -> int:
+    """A whole number, 0 or more."""
+    if not (text.strip().isdecimal() and len(text) < 10):
+        raise QuantityError(f"'{text}' is not a whole number", "write it like 7")
+    return int(text)
+
+
+def file(text: str) -> Path:
+    """The path of a file."""
+    if not text or "\0" in text:
+        raise QuantityError(f"{text!r} is not the name of a file", "write it like pupil.png")
+    return Path(text)
 
 
 def pixel(text: str) -> tuple[int, int]:

@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 KEYS = ("n", "seed", "max-coc", *PARSERS)
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
-_NOT_RANGED = ("blades", "focus-at")
+_NOT_RANGED = (
+    *("blades", "focus-at", "aperture-image", "sharp-range"),
+    *("dp-model", "noise", "noise-seed", "highlights"),
+)
 
 
 def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:

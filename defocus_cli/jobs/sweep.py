@@ -12,11 +12,13 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs.lens_options import (
     LENGTHS,
     PARSERS,
+    based,
     checked,
     parsed,
     refuse_contradiction,
@@ -55,7 +57,7 @@ def read_sweep(table: Table) -> list[Point]:
     axes = [_sets(table)] if "lenses" in table.values else []
     for name in PARSERS:
         if name in table.values:
-            texts = _values(name, table.values[name], table.place(name))
+            texts = _values(name, table.values[name], table.place(name), table.file)
             _refuse_many(math.prod(map(len, axes)) * len(texts), f"{table.file}: [sweep]")
             axes.append([{name: text} for text in texts])
     return _points(table, axes)
@@ -87,7 +89,7 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
     return list(points.values())
 
 
-def _values(name: str, value: object, where: str) -> list[str]:
+def _values(name: str, value: object, where: str, file: Path) -> list[str]:
     """Texts of the values of one option."""
     if isinstance(value, str) and ".." in value:
         return _range(name, value, where)
@@ -95,7 +97,7 @@ def _values(name: str, value: object, where: str) -> list[str]:
         remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
         raise UsageProblem(where, f"{value!r} is no list of values", remedy)
     _refuse_many(len(value), where)
-    return [checked(name, one, where) for one in value]
+    return [based(name, checked(name, one, where), file) for one in value]
 
 
 def _sets(table: Table) -> list[dict[str, str]]:
@@ -106,7 +108,10 @@ def _sets(table: Table) -> list[dict[str, str]]:
     _refuse_many(len(sets), where)
     refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
     return [
-        {name: checked(name, value, f"{where}: {name}") for name, value in one.items()}
+        {
+            name: based(name, checked(name, value, f"{where}: {name}"), table.file)
+            for name, value in one.items()
+        }
         for one in sets
     ]
 
@@ -143,6 +148,6 @@ def _range(name: str, text: str, where: str) -> list[str]:
 
 def _end(name: str, text: str, where: str) -> float:
     value: Any = parsed(name, checked(name, text, where))
-    if isinstance(value, Percentile | tuple):
+    if isinstance(value, Percentile | tuple | Path | str):
         raise UsageProblem(where, f"'{text}' is no end of a range", "write a list of values")
     return float(value)

@@ -11,9 +11,17 @@ from typing import Any
 import click
 
 from defocus_cli.jobs.job import Lens, Reading
-from defocus_cli.jobs.lens_options import PARSERS, make_lens
+from defocus_cli.jobs.lens_options import PARSERS, SHAPES, make_lens
 from defocus_cli.jobs.reading_options import lens_file_reading
-from defocus_cli.options.types import Decorator, FilePath, Quantity, bundle, grouped_option
+from defocus_cli.jobs.shipped_lenses import lens_path
+from defocus_cli.options.types import (
+    Decorator,
+    FilePath,
+    Quantity,
+    bundle,
+    grouped_option,
+    option_name,
+)
 
 _LENS_HELP = {
     "focal-length": ("LENGTH", "Focal length, like 50mm."),
@@ -25,12 +33,57 @@ _LENS_HELP = {
         "Distance in focus, like 2m or inf; or percentile(50) of the depth.",
     ),
     "focus-at": ("X,Y", "Focus on what this pixel shows, counted from 0; instead of --focus."),
+    "sharp-range": (
+        "A..B",
+        "Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged elsewhere.",
+    ),
     "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
     "blade-rotation": (
         "DEG",
         "Where a vertex of the polygon points, counter-clockwise from +x as seen in the image, "
         "for points beyond the focus.",
     ),
+    "blade-curvature": ("0…1", "Curvature of the blades: 0 is straight, 1 round.  [default: 0]"),
+    "obstruction": (
+        "0…0.95",
+        "Opaque share of the radius in the middle, as a mirror lens has, like 0.4.  [default: 0]",
+    ),
+    "spherical": (
+        "-1…1",
+        "Spherical aberration: above 0, bright rings beyond the focus and soft discs nearer; below "
+        "0, the reverse.  [default: 0]",
+    ),
+    "squeeze": (
+        "1…4",
+        "Squeeze of an anamorphic lens: ovals so many times taller than wide, like 2.  "
+        "[default: 1]",
+    ),
+    "aperture-image": (
+        "FILE",
+        "Picture of the opening instead of blades, grey, PNG, EXR or NPY: bright is open, as a "
+        "point beyond the focus shows it.",
+    ),
+    "highlights": (
+        "auto|T:GAIN",
+        "Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like 16, "
+        "from a threshold in linear light, like 0.93, up to white. Pictures with light above 1 "
+        "stay as they are.  [default: off]",
+    ),
+    "dp-model": (
+        "MODEL",
+        "Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, less and "
+        "less towards the other side, as in real sensors.  [default: split]",
+    ),
+    "dp-crosstalk": (
+        "0…0.49",
+        "Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
+    ),
+    "noise": (
+        "ELECTRONS:READ",
+        "Noise of the sensor, like 4000:3: electrons that a light of 1 makes, whose number varies, "
+        "and electrons of read noise.",
+    ),
+    "noise-seed": ("N", "Number that decides the random numbers of the noise.  [default: 0]"),
 }
 
 
@@ -40,9 +93,20 @@ def _lens_option(name: str) -> Decorator:
     return grouped_option("Lens", f"--{name}", type=kind, metavar=metavar, help=text)
 
 
+class LensFile(FilePath):
+    """The path of a lens file, or @NAME of one that ships."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path of the file."""
+        return lens_path(super().convert(value, param, ctx), option_name(param))
+
+
 def _lens_file_option() -> Decorator:
-    text = 'File of lens options, like focal-length = "50mm"; what is given beside it wins.'
-    kind = FilePath()
+    text = (
+        'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
+        "('defocus lenses'); what is given beside it wins."
+    )
+    kind = LensFile()
     return grouped_option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)
 
 
@@ -65,3 +129,13 @@ def lens_options(*, required: bool) -> Decorator:
 def lens_decorators() -> list[Decorator]:
     """The options of a lens, and the one of a lens file."""
     return [*map(_lens_option, _LENS_HELP), _lens_file_option()]
+
+
+def shape_options() -> Decorator:
+    """Hand a command ``lens``: the shape of an opening, and no more of a lens."""
+
+    def make(lens_file: Path | None, **values: Any) -> Lens:
+        flags = {name.replace("_", "-"): value for name, value in values.items()}
+        return make_lens(flags, lens_file, radii=True)
+
+    return bundle("lens", make, [*map(_lens_option, SHAPES), _lens_file_option()])

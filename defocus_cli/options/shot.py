@@ -17,6 +17,7 @@ from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.lens_options import refuse_contradiction
 from defocus_cli.jobs.reading_options import lens_file_reading
 from defocus_cli.jobs.shot_lenses import ShotLenses
+from defocus_cli.jobs.shots import LONGEST_SMOOTH, Together
 from defocus_cli.options.lens import lens_decorators
 from defocus_cli.options.types import Command, Decorator, bundle, grouped_option
 from defocus_cli.shots.frame_patterns import MISSING, FrameChoice, frame_choice
@@ -32,10 +33,14 @@ class ShotOptions:
     Attributes:
         frames: the frames wanted, as text; None for all.
         missing: error or skip.
+        together: what the frames have in common.
+        contact: number of pictures on a contact sheet; None for no sheet.
     """
 
     frames: str | None
     missing: str | None
+    together: Together
+    contact: int | None = None
 
     def choice(self, animation: Animation) -> FrameChoice:
         """The frames that are wanted.
@@ -62,8 +67,43 @@ def shot_options(command: Command) -> Command:
             type=click.Choice(MISSING),
             help="Frames that have no file: an error, or left out.  [default: error]",
         ),
+        grouped_option(
+            "Shot",
+            "--steady/--no-steady",
+            default=None,
+            help="Decide once for the shot how depth is repaired and where a focus lies that the "
+            "depth decides, and average noise of depth over 9 frames where the scene is still; or "
+            "each frame for itself.  [default: steady]",
+        ),
+        grouped_option(
+            "Shot",
+            "--focus-smooth",
+            type=click.IntRange(2, LONGEST_SMOOTH),
+            metavar="N",
+            help="Average a focus that the depth decides over N frames, in disparity, like 9.",
+        ),
+        grouped_option(
+            "Shot",
+            "--motion",
+            metavar="LAYER",
+            help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
+            "what other frames have seen of what is hidden is not invented.",
+        ),
+        grouped_option(
+            "Shot",
+            "--contact",
+            type=click.IntRange(min=1, max=400),
+            metavar="N",
+            help="Also write N of the pictures, small, to OUT/contact.png.",
+        ),
     ]
-    return bundle("shot", ShotOptions, options)(command)
+
+    def make(
+        frames: str | None, missing: str | None, contact: int | None, **together: Any
+    ) -> ShotOptions:
+        return ShotOptions(frames, missing, Together(**together), contact)
+
+    return bundle("shot", make, options)(command)
 
 
 def shot_lens_options(*, required: bool) -> Decorator:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.system.arrays import Keeping, Windows, bands, count_of
+from defocus_cli.system.arrays import Keeping, Windows, bands, count_of, times
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError
 
@@ -166,8 +166,15 @@ def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
     return depth
 
 
-def layered(layers: Layers, lens: Lens, keeping: Keeping, device: str) -> Layered:
+def layered(layers: Layers, lens: Lens, keeping: Keeping, device: str, longer: float) -> Layered:
     """The layers as the renderer takes them.
+
+    Args:
+        layers: of a deep picture.
+        lens: the lens, with its focus distance.
+        keeping: where the radii are kept.
+        device: cpu or cuda.
+        longer: the longer half axis of the blur in px, in radii of the CoC.
 
     Raises:
         InputError: a sample is so near that no frame would hold its blur.
@@ -175,7 +182,7 @@ def layered(layers: Layers, lens: Lens, keeping: Keeping, device: str) -> Layere
     from defocus_cli.rendering.focusing import radius_map
     from defocus_core import Layered
 
-    radii = [radius_map(lens, depth, keeping)[0] for depth in layers.depths]
+    radii = [times(radius_map(lens, depth, keeping)[0], longer) for depth in layers.depths]
     return Layered.of(
         _Light(layers.light, device), Windows(radii, device), Windows(layers.alpha, device)
     )

@@ -2,56 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.quantities import length_text
+from defocus_cli.rendering.contents import contents_of
 from defocus_cli.rendering.depth_repair import repair_attribute
-from defocus_cli.system.arrays import Stack
+from defocus_cli.system.arrays import Beside, Stack
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import written_together
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from defocus_cli.exr.windows import Window
     from defocus_cli.formats.kinds import Kind
     from defocus_cli.jobs.job import Lens
     from defocus_cli.rendering.outcome import Outcome, Rendering
-
-
-class _OfRadius:
-    """A map that is computed from the signed radii [H, W], a few rows at a time; 0 of nothing."""
-
-    def __init__(self, radius: Any, compute: Callable[[Any], Any], nothing: Any) -> None:
-        self._radius, self._compute, self._nothing = radius, compute, nothing
-        self.shape, self.dtype = radius.shape, radius.dtype
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        values: NDArray[Any] = self._compute(self._radius[rows])
-        if self._nothing is not None:
-            values = values * ~self._nothing[rows]
-        return values
-
-
-class _Shown:
-    """The rows and columns of an array [H, W] that are written, a few rows at a time."""
-
-    def __init__(self, whole: Any, window: tuple[slice, slice]) -> None:
-        self._whole, (self._rows, self._columns) = whole, window
-        self.shape = (
-            self._rows.stop - self._rows.start,
-            self._columns.stop - self._columns.start,
-        )
-        self.dtype = whole.dtype
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        first, last, _ = rows.indices(self.shape[0])
-        top = self._rows.start
-        values: NDArray[Any] = self._whole[top + first : top + last]
-        return values[:, self._columns]
 
 
 def write(rendering: Rendering) -> Outcome:
@@ -77,86 +42,57 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     from defocus_cli.formats.encode import write_image
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
-    color, job, warnings = rendering.color, rendering.outcome.job, []
+    job, contents = rendering.outcome.job, contents_of(rendering, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    planes = (
-        (_OfRadius(rendering.radius, kind.of_radius, rendering.nothing),)
-        if kind.of_radius
-        else rendering.images[kind.name]
-    )
-    extras: Mapping[str, Any] = {}
+    attributes, warnings = _attributes(rendering.outcome, kind), []
     if kind.image:
-        extras = color.extras | _passes(rendering, planes[len(color.channels) :])
-        planes = planes[: len(color.channels)]
-    planes, extras, corner, display = _written(rendering, planes, extras)
-    attributes = _attributes(rendering.outcome, kind)
-    if kind.image:
+        carried = {
+            k: v for k, v in rendering.color.attributes.items() if not kind.views or k != "view"
+        }
         lost = write_image(
             path,
-            Stack(planes),
-            color.channels,
+            Stack(contents.planes),
+            contents.names,
             exr_type=job.outputs.exr_type,
             bits=16 if job.outputs.format == "png16" else 8,
             jpeg_quality=job.outputs.jpeg_quality,
-            attributes={**color.attributes, **attributes},
-            extras=extras,
-            corner=corner,
-            display=display,
+            attributes={**carried, **attributes},
+            extras=contents.extras,
+            layout=contents.layout,
             clamped=rendering.clamped.get(kind.name, 0),
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     else:
-        write_exr(path, {kind.name: planes[0]}, attributes, corner, display)
+        write_exr(path, {kind.name: contents.planes[0]}, attributes, contents.layout)
     if preview is not None and kind.of_radius:
-        write_signed_preview(preview, planes[0])
+        write_signed_preview(preview, contents.planes[0])
     elif preview is not None:
-        write_preview(preview, Stack(planes))
+        count = len(contents.planes) // len(kind.rendered_as)
+        views = range(0, len(contents.planes), count)
+        write_preview(preview, Beside([Stack(contents.planes[n : n + count]) for n in views]))
     return warnings
-
-
-def _passes(rendering: Rendering, planes: tuple[Any, ...]) -> dict[str, Any]:
-    """The blurred passes by name, of the number type of the picture."""
-    from defocus_cli.formats.encode import as_half
-
-    half = rendering.outcome.job.outputs.exr_type == "half"
-    named = zip(rendering.color.passes, planes, strict=True)
-    return {name: as_half(plane) if half else plane for name, plane in named}
-
-
-def _written(
-    rendering: Rendering, planes: tuple[Any, ...], extras: Mapping[str, Any]
-) -> tuple[tuple[Any, ...], Mapping[str, Any], tuple[int, int], Window | None]:
-    """Planes and extras without overscan, or with it; x and y of the first pixel; the display."""
-    from defocus_cli.exr.windows import Window
-
-    color, outputs = rendering.color, rendering.outcome.job.outputs
-    (x, y), overscan = color.corner, color.overscan
-    if not any(overscan):
-        return planes, extras, color.corner, None
-    if outputs.keep_overscan:
-        width, height = color.size
-        display = Window(x, y, x + width - 1, y + height - 1)
-        return planes, extras, (x - overscan.left, y - overscan.top), display
-    window = overscan.shown(*color.shape[:2])
-    extras = {name: _Shown(plane, window) for name, plane in extras.items()}
-    return tuple(_Shown(plane, window) for plane in planes), extras, color.corner, None
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
     """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
-    job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
+    job, lens = outcome.job, outcome.lens
+    others = {
+        role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
+    }
     values = {
         "version": version(),
         "kind": kind.name,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,
-        "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
+        "hidden": others.pop("hidden", ""),
+        **others,
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
         **_repair(outcome, kind),
         **_optics(lens),
         "blades": str(lens.blades),
         "blade_rotation": f"{lens.blade_rotation:.9g}deg",
+        **{name: str(value) for name, value in lens.effects.items()},
         "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
         "quality": outcome.quality,
         "device": outcome.device,

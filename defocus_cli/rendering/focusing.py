@@ -80,6 +80,19 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin_lens(lens, size).radius_at_infinity()
 
 
+def lens_scale(lens: Lens, size: tuple[int, int]) -> float:
+    """Px of radius for a disparity of 1 per mm, in pictures of ``size`` (width, height).
+
+    Raises:
+        UsageProblem: there is no such lens.
+    """
+    import torch
+
+    thin_lens = _thin_lens(lens, size)
+    near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
+    return float(thin_lens.radius_at_infinity() - near) * MM_PER_M
+
+
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
     """The signed CoC radius in px of a whole frame [H, W], float32, and its smallest and largest.
 
@@ -159,6 +172,7 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
             lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64
         )
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+        thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
         option = f"{lens.focus_source}focus"
         raise UsageProblem(option, reason(error), "check the lens options") from error

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.plate import Plate, nothing_of
 from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.depth_repair import repair_words
 from defocus_cli.rendering.memory_budget import Holding
@@ -34,27 +35,30 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
     repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
+    decided: DepthRepair | None = None  # by its shot; None if the frame decides
+    shot_note: str = ""  # what other frames did for its depth
 
     def depth_words(self, *, rendered: bool = True) -> str:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
-        repair_note = repair_words(self.repair) if rendered else ""
-        return "; ".join(filter(None, (self.depth_note, repair_note)))
+        notes = (repair_words(self.repair), self.shot_note) if rendered else ()
+        return "; ".join(filter(None, (self.depth_note, *notes)))
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """A picture, decoded, and its hidden layer if the job has and needs one."""
+    """A picture, decoded, and its hidden layer or its plate if the job has and needs one."""
 
     holding: Holding
     color: Color
     depth: Depth
     behind: tuple[Color, Depth] | None = None
+    plate: Plate | None = None
     layers: Layers | None = None  # of a deep picture that is rendered
 
     @property
     def nothing(self) -> Any:
         """Where an element holds nothing, bool [H, W]; None if nowhere."""
-        return self.depth.nothing
+        return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,8 @@ class Rendering:
         outcome: lens, notes, time and warnings of the job.
         color: the colour input, whose metadata and further channels are written too.
         radius: signed CoC radius in px, [H, W].
-        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
+        images: each rendered kind's arrays [H, W]: C of each view
+            of an image, in linear light; one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
         nothing: where an element holds nothing, bool [H, W]; None if nowhere.
     """

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.exr.windows import NO_OVERSCAN
 from defocus_cli.formats.kinds import KINDS, MAPS
 from defocus_cli.jobs.job import Lens, Picture, Reading
-from defocus_cli.reports.contents import color_contents, depth_contents, ends_of, read_picture
+from defocus_cli.reports.figures import color_figures, depth_figures, ends_of, read_picture
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError, UserError
 from defocus_cli.system.interrupts import put_off
@@ -46,10 +46,10 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     with put_off():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
 
+    from defocus_cli.elements.overscan import overscan_of
     from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
-    from defocus_cli.rendering.overscan import overscan_of
     from defocus_cli.reports.depth_evidence import evidence_of, may_be_depth
     from defocus_cli.system.safe_files import read_head
 
@@ -72,10 +72,10 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         overscan = overscan_of(Picture("", path, path), reading, both)
     if not color_note:
         picture = read_picture(path, reading, keeping, overscan)
-        color_note, color = picture.note, color_contents(picture)
+        color_note, color = picture.note, color_figures(picture)
     if not depth_note:
         try:
-            depth_note, depth = depth_contents(path, reading, keeping, lens, picture)
+            depth_note, depth = depth_figures(path, reading, keeping, lens, picture)
         except InputError as error:
             if color is None and not has_frames:
                 raise

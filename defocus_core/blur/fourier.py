@@ -14,7 +14,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.images.box import Box
-from defocus_core.optics.aperture import Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import Part
 
 # Number of kernels cached for further frames, more than a picture has slices.
 _KEPT = 256
@@ -58,9 +59,11 @@ def kernels(
     Returns:
         [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
+    drawn = _kernel.__wrapped__ if aperture.learns else _kernel
+    aperture = aperture if aperture.learns else aperture.fixed
     return torch.stack(
         [
-            torch.stack([_kernel(radius, extent, aperture, part, leaning) for part in parts], 1)
+            torch.stack([drawn(radius, extent, aperture, part, leaning) for part in parts], 1)
             for radius in radii.tolist()
         ]
     )
@@ -72,7 +75,7 @@ def _kernel(radius: float, extent: int, aperture: Aperture, part: Part, leaning:
     with torch.inference_mode(False):  # it is cached for calls that need gradients, too
         r = torch.tensor(radius, dtype=torch.float64, device="cpu")
         plain = aperture.kernel(r, 2 * extent + 1, part)[None]
-        return torch.cat([plain, plain * _lens_points(r, extent)]) if leaning else plain
+        return torch.cat([plain, plain * _lens_points(r, extent, aperture)]) if leaning else plain
 
 
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
@@ -90,16 +93,20 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
     return spectra.view(*kernels.shape[:-2], *spectra.shape[-2:])
 
 
-def _lens_points(radius: Tensor, extent: int) -> Tensor:
+def _lens_points(radius: Tensor, extent: int, aperture: Aperture) -> Tensor:
     """The lens point u that blurs to each pixel: [2, S, S], x then y.
 
-    u is offset / r, scaled to a mean square of 1/4, as over a round pupil: kernels sampled by area
-    are 1/12 px² wider. u is at most 1 long, so that a tilted kernel is never negative.
+    u is offset / r, scaled to a mean square of 1/4 as over a round pupil, and less along an axis
+    that is squeezed: kernels sampled by area are 1/12 px² wider. u is at most 1 long, so that a
+    tilted kernel is never negative.
     """
     offset = torch.arange(-extent, extent + 1, dtype=radius.dtype)
-    x = (offset * (radius / (radius * radius + 1 / 3))).expand(len(offset), -1)
-    u = torch.stack([x, x.mT])
-    return u / (u * u).sum(0).sqrt().clamp(min=1)
+    across, down = (
+        offset * (radius / (radius * radius + narrower * narrower / 3))
+        for narrower in aperture.narrowing
+    )
+    u = torch.stack(torch.meshgrid(across, down, indexing="xy"))
+    return u / (u * u).sum(0).clamp(min=1).sqrt()
 
 
 def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.blur.fourier import kernel_spectra, kernels, reach, transform_length
-from defocus_core.optics.aperture import Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import Part
 
 # Number of sizes of a window's transforms: quarters of the largest.
 _SIZES = 4
@@ -77,9 +78,11 @@ class Window:
     def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
         """The spectrum of a slice for a plane of a slope, x and y: [M, 1, ...]."""
         cached = self.planes.setdefault((number, size), {})
+        if self.aperture.learns:
+            cached.clear()
         spectrum = cached.get(slope)
         if spectrum is None:
-            kernel, x, y = self._kernels(number, leaning=True)
+            kernel, x, y = self.leaning_kernels(number)
             kernel = kernel.add(x, alpha=slope[0]).add_(y, alpha=slope[1])
             spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
             if len(cached) >= _PLANES:
@@ -101,11 +104,18 @@ class Window:
 
     def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
         key = (number, size, leaning)
-        if key not in self.spectra:
+        spectrum = self.spectra.get(key)
+        if spectrum is None:
             versions = self._kernels(number, leaning=leaning)
             kernel = versions[1:] if leaning else versions[0]
-            self.spectra[key] = kernel_spectra(kernel, size).unsqueeze(-3)
-        return self.spectra[key]
+            spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
+            if not self.aperture.learns:  # a backward pass computes it again
+                self.spectra[key] = spectrum
+        return spectrum
+
+    def leaning_kernels(self, number: int) -> Tensor:
+        """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""
+        return self._kernels(number, leaning=True)
 
     def _kernels(self, number: int, *, leaning: bool) -> Tensor:
         """The kernels of one slice, computed alone: a batch could change the last digits."""
@@ -154,6 +164,9 @@ def windows(
         layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
         size = rows, columns
         window = Window(extent, size, halvings, slices, layer_radii, aperture, parts, like)
+        if aperture.learns:  # once, outside of what a backward pass computes again
+            for k in slices:
+                window.leaning_kernels(k)
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]
 

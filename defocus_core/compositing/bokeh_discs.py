@@ -20,7 +20,8 @@ from defocus_core.blur.fourier import reach
 from defocus_core.compositing.disc_occlusion import Obstruction, Squares
 from defocus_core.compositing.highlights import Highlights
 from defocus_core.images.box import Box
-from defocus_core.optics.aperture import Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import Part
 
 # Samples drawn at once: bounds memory.
 _SAMPLES = 1 << 18

@@ -14,7 +14,8 @@ from torch.nn.functional import grid_sample
 
 from defocus_core.images.box import Box
 from defocus_core.images.sparse_masks import exceeding, numbers_of
-from defocus_core.optics.aperture import Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import Part
 
 # Least share: a disc much larger than the frame would divide by nearly 0.
 _LEAST_SHARE = 0.01
@@ -53,7 +54,9 @@ def share_in_frame(
     )
     # the frame is between two of the points u that see its corners, in x and in y
     corners = torch.stack([x[:, None].expand(-1, 2, -1), y[..., None].expand(-1, -1, 2)], -1)
-    areas = torch.stack([_area_below(aperture, part) for part in parts])[None].to(r)
+    known = aperture if aperture.learns else aperture.fixed
+    area_below = _area_below.__wrapped__ if aperture.learns else _area_below
+    areas = torch.stack([area_below(known, part) for part in parts])[None].to(r)
     below = grid_sample(areas, corners.reshape(1, -1, 4, 2), align_corners=True)[0]  # [M, n, 4]
     within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
     share = signed_radius.new_ones(len(parts), *signed_radius.shape)
@@ -66,5 +69,9 @@ def _area_below(aperture: Aperture, part: Part) -> Tensor:
     """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
     with torch.inference_mode(False):  # the cache serves calls that need gradients, too
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
+        if part.lean:
+            r = torch.tensor(_STEPS / 2, dtype=torch.float64)
+            below = aperture.kernel(r, _STEPS, part).cumsum(0).cumsum(1)
+            return torch.nn.functional.pad(below, (1, 0, 1, 0))
         up_to = torch.stack([torch.full_like(ends, -1), ends], -1)
         return aperture.share_between(part, up_to[None], up_to[:, None])

@@ -40,6 +40,7 @@ def repaired(
     threads: int,
     hold: bool,
     options: RepairOptions = _BY_DIAGNOSIS,
+    decided: DepthRepair | None = None,
 ) -> tuple[Pixels, DepthRepair]:
     """Signed radii as a renderer of scenes would write them, and the repair that was needed.
 
@@ -53,13 +54,17 @@ def repaired(
         hold: Whether there is room for the repaired radii of a large picture that is no tensor;
             without room each window is repaired when it is cut.
         options: What is known of soft edges; the diagnosis finds the rest.
+        decided: The repair, where it is known already; None to find it.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
     """
     hold_all = partial(held, threads=threads, hold=hold)
-    radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
-    repair = _as_said(repair, options, radii)
+    if decided is None:
+        radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+        repair = _as_said(repair, options, radii)
+    else:
+        radii, repair = _quiet(signed_radius, decided.noise, threads, hold=hold), decided
     if repair.antialiased is not None:
         repair_window = partial(without_averages, infinity=repair.antialiased)
         radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
@@ -68,7 +73,9 @@ def repaired(
         width = options.edge_width
         repair_window = partial(without_ramps, steep=steep, edge_width=width)
         radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
-    shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
+    shifts = repair.edge_shifts
+    if decided is None:
+        shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
         repair_window = partial(with_shifted_edges, shifts=shifts)
@@ -164,7 +171,13 @@ def _diagnosed(
     repair = diagnosed(signed_radius, infinity, threads)
     if repair.noise is None:
         return signed_radius, repair
-    smooth = partial(without_noise, noise=repair.noise)
-    quiet = Repaired(signed_radius, smooth, AROUND_NOISE)
-    radii = held(quiet, signed_radius, threads=threads, hold=hold)
+    radii = _quiet(signed_radius, repair.noise, threads, hold=hold)
     return radii, diagnosed(radii, infinity, threads, repair.noise)
+
+
+def _quiet(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bool) -> Pixels:
+    """Radii [H, W] px without noise of a standard deviation in px."""
+    if noise is None:
+        return signed_radius
+    quiet = Repaired(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
+    return held(quiet, signed_radius, threads=threads, hold=hold)

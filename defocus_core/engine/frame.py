@@ -13,7 +13,9 @@ from defocus_core.images.box import Box
 from defocus_core.images.tiling import Grid
 from defocus_core.layers.octaves import Turns
 from defocus_core.layers.quality import Quality
-from defocus_core.optics.aperture import LEFT, RIGHT, Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.parts import LEFT, RIGHT, Part
 
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
 NEIGHBOURHOOD = 24
@@ -97,13 +99,13 @@ class Division(NamedTuple):
     groups: list[slice]
 
     @classmethod
-    def of(cls, aperture: Aperture, centre: int, *, left_right: bool) -> Division:
+    def of(cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None) -> Division:
         """The division of an aperture that has 1, 4 or 16 parts for the centre view."""
         divided = [*aperture.parts(centre)]
         groups = [slice(0, len(divided))]
-        if left_right and len(divided) == 1:
-            divided += [LEFT, RIGHT]
-            groups.append(slice(1, 3))
+        if dual_pixel and (len(divided) == 1 or dual_pixel.halves != (LEFT, RIGHT)):
+            groups.append(slice(len(divided), len(divided) + 2))
+            divided += dual_pixel.halves
         return cls(aperture, divided, [aperture.share(part) for part in divided], groups)
 
 

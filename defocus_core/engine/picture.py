@@ -73,6 +73,7 @@ class Picture:
                 threads=threads,
                 hold=hold,
                 options=settings.repair,
+                decided=settings.decided,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
         self.layered = layered

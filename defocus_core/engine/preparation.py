@@ -78,7 +78,8 @@ def frame_of(
     margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
     grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
-    division = Division.of(settings.aperture, quality.parts, left_right=settings.left_right)
+    pair = settings.dual_pixel if settings.left_right else None
+    division = Division.of(settings.aperture, quality.parts, pair)
     if needs_double(survey, content.limit):
         dtype = torch.float64
 

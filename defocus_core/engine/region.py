@@ -176,13 +176,15 @@ class Region:
         both = halves[0] if halves else whole
         if fronts.moved is not None:
             both = add_light(both, fronts.moved)
-        cut = sum(part.x1 <= 0 for part in parts[groups[-1]])
+        cut = sum(part.is_left for part in parts[groups[-1]])
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
         if not signed:
             pair = torch.stack([left, right])
             counts |= count_negative(pair, frame.content.limit)
-        return Views([centre, *pair_of(centre, left, right, signed=signed)], trust, counts, box)
+        images = pair_of(centre, left, right, signed=signed)
+        images = frame.settings.dual_pixel.crossed(images, centre)
+        return Views([centre, *images], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].

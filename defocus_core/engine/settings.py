@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.runtime.validation import described, flag, number, whole
 
 _MOST_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
@@ -18,6 +20,9 @@ _BY_SCENE = "None lets the scene decide"
 @dataclass(frozen=True)
 class Settings:
     """The options that `render` explains.
+
+    Attributes:
+        decided: The repair of depth, where it is known already, as for a frame of a shot.
 
     Raises:
         ValueError: If an option is out of its range.
@@ -33,12 +38,17 @@ class Settings:
     infinity: float | None = None
     depth_repair: str = "auto"
     edge_width: float | None = None
+    decided: DepthRepair | None = None
+    dual_pixel: DualPixel = field(default_factory=DualPixel)
 
     def __post_init__(self) -> None:
         """Check each option; whole numbers of other types become int."""
         if not isinstance(self.aperture, Aperture):
             problem = f"aperture must be an Aperture, got {described(self.aperture)}"
             raise ValueError(f"{problem}; Aperture() is round")
+        if not isinstance(self.dual_pixel, DualPixel):
+            problem = f"dual_pixel must be a DualPixel, got {described(self.dual_pixel)}"
+            raise ValueError(f"{problem}; DualPixel() has ideal halves")
         find(self.quality)
         flag("left_right", self.left_right)
         repair_options(self.depth_repair, self.edge_width)

@@ -14,7 +14,8 @@ from torch import Tensor
 from defocus_core.blur.fourier import kernel_spectra, kernels, reach, transform_length
 from defocus_core.layers.ladder import membership, position, rungs
 from defocus_core.layers.quality import find
-from defocus_core.optics.aperture import FULL, Aperture
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import FULL
 from defocus_core.runtime.threads import threaded
 
 # Guards 0 / 0 where no slice covers a pixel.

@@ -10,6 +10,7 @@ the parts sum to zero.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
@@ -18,7 +19,9 @@ from torch.nn.functional import pad
 
 from defocus_core.images.box import Box
 from defocus_core.layers.ladder import SHARP, SOFT
-from defocus_core.optics.aperture import LEFT, Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.outline import Scalar
+from defocus_core.optics.parts import LEFT, Part
 
 # Radius in px of slices up to which lost shifts are added; beyond, less than 0.03 px is lost.
 NEAR = 2.0
@@ -31,10 +34,10 @@ _SAME = 0.513
 
 
 @lru_cache(maxsize=64)
-def _apparent(radii: tuple[float, ...], aperture: Aperture) -> tuple[float, ...]:
+def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
     """The radii of slices in px by which their left halves are shifted."""
-    whole = aperture.centroid(LEFT)[0]
-    return tuple(aperture.first_moments(r, LEFT)[0] / whole if abs(r) < NEAR else r for r in radii)
+    whole = aperture.centroid(half)[0]
+    return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
 
 
 class Shifts:
@@ -63,13 +66,18 @@ class Shifts:
         """
         self._color, self._radius, self._places = color, signed_radius, places
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
-        self._apparent = places.new_tensor(_apparent(radii, aperture))
+        learns = aperture.learns
+        apparent = _apparent.__wrapped__ if learns else _apparent
+        half = parts[0] if parts[0].lean else LEFT
+        known = aperture if learns else aperture.fixed
+        self._apparent = stacked(apparent(radii, known, half), places)
         # pixels of lesser radii have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [aperture.centroid(part) for part in parts]
         # x, and y where it makes a difference
-        dims = 1 if all(abs(y) < _LEVEL for _, y in centroids) else 2
-        self._centroids = places.new_tensor(centroids)[:, :dims]
+        dims = 1 if all(bool(y * y < _LEVEL**2) for _, y in centroids) else 2
+        means = stacked([mean for pair in centroids for mean in pair], places)
+        self._centroids = means.view(-1, 2)[:, :dims]
 
     def over(self, box: Box) -> Tensor | None:
         """The change of the colours of a surface within a rectangle: [M, C, h, w].
@@ -100,6 +108,11 @@ class Shifts:
         for mean, change in zip(self._centroids.unbind(1)[1:], changes[1:], strict=True):
             moved = moved.addcmul(mean[:, None, None, None], change)
         return moved
+
+
+def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
+    """A tensor [n] of numbers and of tensors of one number, through which gradients flow."""
+    return torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values]).to(like)
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:

@@ -10,45 +10,33 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from defocus_core.optics.outline import Disc, Outline, Polygon
-from defocus_core.runtime.validation import number, whole
+from defocus_core.optics.curved_blades import CurvedPolygon
+from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Scalar, Squeezed
+from defocus_core.optics.parts import FULL, Part, area_of, gaussian, parts_of, weight_of
+from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.runtime.validation import described, number, whole
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
 _MOST_BLADES = 10_000
+# Blades of less curvature are straight: their sagitta is below 4e-4 of the radius, and areas
+# beside arcs of very large circles lose digits.
+_STRAIGHT = 1e-3
+# The ranges of the numbers that shape the pupil.
+_RANGES = {
+    "curvature": (0.0, 1.0, "0 is straight blades, 1 a disc"),
+    "obstruction": (0.0, 0.95, "it is the opaque share of the radius"),
+    "spherical": (-1.0, 1.0, "0 is a lens without spherical aberration"),
+    "squeeze": (0.05, 20.0, "2 is ovals twice as tall as wide"),
+}
 # Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
 _LEAST_RADIUS = 1e-6
-# Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
-_CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
-# The least share of the pupil that is a part.
-_LEAST_PART = 1e-3
-# Pixels across the pupil with which the weight of a part of a gaussian pupil is summed.
-_WEIGHING_RADIUS = 256.0
 # Radius in px of the kernel of which a centroid is taken.
 _CENTROID_RADIUS = 48.0
-
-
-@dataclass(frozen=True)
-class Part:
-    """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1."""
-
-    x0: float = -1.0
-    x1: float = 1.0
-    y0: float = -1.0
-    y1: float = 1.0
-
-    def clamp(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """Lens coordinates, moved into the part."""
-        return x.clamp(self.x0, self.x1), y.clamp(self.y0, self.y1)
-
-
-FULL = Part()
-LEFT = Part(x1=0.0)
-RIGHT = Part(x0=0.0)
 
 
 @dataclass(frozen=True)
@@ -61,14 +49,28 @@ class Aperture:
             for points beyond focus.
         psf_type: "pillbox", constant inside the outline as a lens is, or "gaussian",
             exp(-d² / 2 r²) inside the outline.
+        curvature: 1 / radius of the blades' edges: 0 is straight, 1 is the disc.
+        obstruction: Radius of an opaque disc in the middle, as a mirror lens has.
+        spherical: Spherical aberration to first order, light of 1 + k (2 |u|² - 1), k of this size:
+            above 0 it is a bright ring beyond focus and a soft middle nearer than focus.
+        image: A picture of the pupil instead of blades.
+        squeeze: How many times the pupil is taller than wide; below 1 it is wider than tall. The
+            longer half axis is the CoC radius.
+
+    The numbers from curvature on may be tensors of one number, and gradients flow to them.
 
     Raises:
-        ValueError: If blades, rotation or psf_type is not one of the above.
+        ValueError: If an attribute is not one of the above.
     """
 
     blades: int = 0
     rotation: float = 0.0
     psf_type: str = "pillbox"
+    curvature: Scalar = 0.0
+    obstruction: Scalar = 0.0
+    spherical: Scalar = 0.0
+    image: PupilImage | None = None
+    squeeze: Scalar = 1.0
 
     def __post_init__(self) -> None:
         blades = whole("blades", self.blades, "write 0 for a round aperture", least=0)
@@ -90,11 +92,56 @@ class Aperture:
                 f"psf_type must be one of {', '.join(PSF_TYPES)}, got {self.psf_type!r}; "
                 "pillbox is the thin lens"
             )
+        for name, (least, most, meaning) in _RANGES.items():
+            if not least <= number(name, getattr(self, name), meaning) <= most:
+                problem = f"{name} must be from {least:g} to {most:g}, got {getattr(self, name)}"
+                raise ValueError(f"{problem}; {meaning}")
+        if self.image is not None and not isinstance(self.image, PupilImage):
+            problem = f"image must be a PupilImage, got {described(self.image)}"
+            raise ValueError(f"{problem}; make one of a picture [H, W]")
+        if self.image is not None and blades:
+            raise ValueError(f"blades must be 0 beside an image, got {blades}; keep one of them")
+        if not blades and not _is(self.curvature, 0.0):
+            raise ValueError(
+                f"curvature must be 0 without blades, got {self.curvature}; give it blades, like 6"
+            )
 
     @cached_property
     def outline(self) -> Outline:
         """The border; a new shape of pupil is another class of outline, chosen here."""
-        return Polygon(self.blades, self.rotation) if self.blades else Disc()
+        shape: Outline = Polygon(self.blades, self.rotation) if self.blades else Disc()
+        if self.image is not None:
+            shape = self.image
+        elif _is(self.curvature, 1.0):
+            shape = Disc()
+        elif isinstance(self.curvature, Tensor) or self.curvature > _STRAIGHT:
+            shape = CurvedPolygon(self.blades, self.rotation, self.curvature)
+        if not _is(self.obstruction, 0.0):
+            shape = Obstructed(shape, self.obstruction)
+        return shape if _is(self.squeeze, 1.0) else Squeezed(shape, *self.narrowing)
+
+    @property
+    def narrowing(self) -> tuple[Scalar, Scalar]:
+        """How many times it is narrower than the CoC along x and y, 1 or more."""
+        tall = bool(self.squeeze >= 1)
+        return (self.squeeze, 1.0) if tall else (1.0, 1 / self.squeeze)
+
+    @property
+    def learns(self) -> bool:
+        """Whether gradients flow to an attribute: then nothing of it may be cached."""
+        values = (getattr(self, name) for name in _RANGES)
+        return any(isinstance(value, Tensor) and value.requires_grad for value in values)
+
+    @property
+    def fixed(self) -> Aperture:
+        """The same pupil with plain numbers for tensors, to cache by."""
+        values = {name: getattr(self, name) for name in _RANGES}
+        tensors: dict[str, Any] = {
+            name: float(value.detach())
+            for name, value in values.items()
+            if isinstance(value, Tensor)
+        }
+        return replace(self, **tensors) if tensors else self
 
     def kernel(self, radius: Tensor, size: int, part: Part = FULL) -> Tensor:
         """The blur of a point at the given signed radius, sampled by area.
@@ -123,20 +170,42 @@ class Aperture:
                 f"radius must be a floating-point tensor in px, got {radius.dtype}; "
                 "use radius.float()"
             )
-        area = _area(self.outline, part)
+        area: Scalar = area_of(self.fixed.outline, part)
         if area <= 0.0:
             raise ValueError(f"part must overlap the pupil, got {part}; see Aperture.parts")
+        if self.learns:
+            area = self._live_area(part)
         r = radius.double()
         r = torch.where(r.abs() < _LEAST_RADIUS, _LEAST_RADIUS, r)
         corners = torch.arange(size + 1, dtype=r.dtype, device=r.device) - size / 2
         u = corners / r[..., None]  # [..., size + 1], descending where r < 0
         shares = self.outline.areas(*part.clamp(u, u))
         if self.psf_type == "gaussian":
-            shares = shares * _profile(u)
+            shares = shares * gaussian(u)
+        if not _is(self.spherical, 0.0):
+            shares = shares * self._aberration(u, r)
+        if part.lean:
+            shares = shares * (1 + part.lean * self.narrowing[0] * _middles(u)[..., None, :])
+        if self.psf_type == "gaussian" or part.lean or not _is(self.spherical, 0.0):
             shares = shares / shares.sum((-2, -1), keepdim=True)
         else:
             shares = shares / area
         return shares.to(radius.dtype)
+
+    def _live_area(self, part: Part) -> Scalar:
+        """The area of a part, through which gradients flow to the attributes."""
+        area: Scalar = area_of.__wrapped__(self.outline, part)
+        return area
+
+    def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
+        """The light of spherical aberration in the middle of each pixel: [..., n - 1, n - 1].
+
+        Rays of the height h end at r (h + k h³): to first order the light on a disc of the same
+        size changes by a square of the distance from its middle, and the sign is that of k / r.
+        """
+        x, y = (_middles(u) * times for times in self.narrowing)
+        squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
+        return 1 + self.spherical * r.detach().sign()[..., None, None] * (2 * squared - 1)
 
     def share(self, part: Part) -> float:
         """The share of the pupil that lies in the part: the weight of this part in the whole.
@@ -151,93 +220,60 @@ class Aperture:
         Returns:
             A number in [0, 1]. Where the pupil is gaussian, the share of its weight, to about 1e-6.
         """
-        weigh = _weight if self.psf_type == "gaussian" else _area
-        return weigh(self.outline, part) / weigh(self.outline, FULL)
+        if part.lean:
+            return (1 + part.lean * float(self.narrowing[0] * self.centroid(FULL)[0])) / 2
+        weigh, outline = weight_of if self.psf_type == "gaussian" else area_of, self.fixed.outline
+        return float(weigh(outline, part) / weigh(outline, FULL))
 
     def share_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
         """The share [...] of a part's area between x [..., 2] and y [..., 2], both ascending."""
-        return self.outline.areas(*part.clamp(x, y))[..., 0, 0] / _area(self.outline, part)
+        area = self._live_area(part) if self.learns else area_of(self.fixed.outline, part)
+        return self.outline.areas(*part.clamp(x, y))[..., 0, 0] / area
 
     def parts(self, count: int) -> list[Part]:
         """Cut the pupil into parts, first those of the LEFT half, then those of the RIGHT.
 
         Two are the halves, four the halves halved again, each by area. Sixteen lie on a grid that a
         quarter turn leaves as it is; they differ in area, and those that hold next to nothing of a
-        polygon are left out. The parts of a symmetric pupil are symmetric.
+        polygon are left out. The parts of a symmetric pupil are symmetric. With spherical
+        aberration sixteen are four: the weights of outer parts would turn with the sign of r.
 
         Raises:
             ValueError: If count is not 1, 2, 4 or 16.
         """
         if count not in (1, 2, 4, 16):
             raise ValueError(f"count must be 1, 2, 4 or 16, got {count}; 4 is twice the halves")
-        return list(_parts(self.outline, count))
+        if count > 4 and not _is(self.spherical, 0.0):
+            count = 4
+        return list(parts_of(self.fixed.outline, count))
 
-    def centroid(self, part: Part) -> tuple[float, float]:
-        """The mean lens point (u.x, u.y) of a part, to about 1e-4."""
-        return _centroid(self, part)
+    def centroid(self, part: Part) -> tuple[Scalar, Scalar]:
+        """The mean lens point (u.x, u.y) of a part, to about 1e-4; numbers, unless they learn."""
+        if self.learns:
+            return _centroid.__wrapped__(self, part)
+        return _centroid(self.fixed, part)
 
-    def first_moments(self, radius: float, part: Part) -> tuple[float, float]:
+    def first_moments(self, radius: float, part: Part) -> tuple[Scalar, Scalar]:
         """Mean place of the kernel of a part, in px (to the right, downwards)."""
         extent = math.ceil(abs(radius))
         kernel = self.kernel(torch.tensor(radius, dtype=torch.float64), 2 * extent + 1, part)
         offset = torch.arange(-extent, extent + 1, dtype=kernel.dtype)
-        return float(kernel.sum(0) @ offset), float(kernel.sum(1) @ offset)
+        x, y = kernel.sum(0) @ offset, kernel.sum(1) @ offset
+        return (x, y) if self.learns else (float(x), float(y))
 
 
 @lru_cache(maxsize=256)
-def _centroid(aperture: Aperture, part: Part) -> tuple[float, float]:
+def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
     x, y = aperture.first_moments(_CENTROID_RADIUS, part)
     return x / _CENTROID_RADIUS, y / _CENTROID_RADIUS
 
 
-@lru_cache(maxsize=256)
-def _parts(outline: Outline, count: int) -> tuple[Part, ...]:
-    if count == 1:
-        return (FULL,)
-    if count == 2:
-        return LEFT, RIGHT
-    if count == 4:
-        cuts = [(half, _halving_height(outline, half)) for half in (LEFT, RIGHT)]
-        return tuple(p for half, y in cuts for p in (replace(half, y1=y), replace(half, y0=y)))
-    sides = list(pairwise(_CUTS))
-    least = _LEAST_PART * _area(outline, FULL)
-    parts = (Part(x0, x1, y0, y1) for x0, x1 in sides for y0, y1 in sides)
-    return tuple(part for part in parts if _area(outline, part) > least)
-
-
-def _halving_height(outline: Outline, part: Part) -> float:
-    """The y of the level cut that halves a part's area, by bisection."""
-    low, high, half = part.y0, part.y1, _area(outline, part) / 2
-    for _ in range(50):
-        middle = (low + high) / 2
-        if abs(excess := _area(outline, replace(part, y1=middle)) - half) < 1e-14:
-            return middle
-        low, high = (middle, high) if excess < 0 else (low, middle)
-    return (low + high) / 2
-
-
-@lru_cache(maxsize=4096)
-def _area(outline: Outline, part: Part) -> float:
-    """Area of the part in units of the lens radius squared."""
-    x = torch.tensor([part.x0, part.x1], dtype=torch.float64, device="cpu")
-    y = torch.tensor([part.y0, part.y1], dtype=torch.float64, device="cpu")
-    return float(outline.areas(x, y))
-
-
-@lru_cache(maxsize=256)
-def _weight(outline: Outline, part: Part) -> float:
-    """Area of the part times the gaussian profile, in units of the lens radius squared."""
-    u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64, device="cpu")
-    u = u / _WEIGHING_RADIUS
-    return float((outline.areas(*part.clamp(u, u)) * _profile(u)).sum())
-
-
-def _profile(u: Tensor) -> Tensor:
-    """exp(-|u|² / 2) at the middle of each pixel, [..., n] corners to [..., n - 1, n - 1].
-
-    Corners are clamped to the unit square, which keeps it positive for any radius.
-    """
+def _middles(u: Tensor) -> Tensor:
+    """Lens points in the middle of what of each pixel [..., n - 1] lies between -1 and 1."""
     inside = u.clamp(-1, 1)
-    middle = (inside[..., 1:] + inside[..., :-1]) / 2
-    fall = torch.exp(-(middle**2) / 2)
-    return fall[..., :, None] * fall[..., None, :]
+    return (inside[..., 1:] + inside[..., :-1]) / 2
+
+
+def _is(value: Scalar, number: float) -> bool:
+    """Whether an attribute is a plain number of this value, so that it has no effect."""
+    return not isinstance(value, Tensor) and value == number

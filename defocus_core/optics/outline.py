@@ -1,4 +1,4 @@
-"""Outlines of the pupil, a disc or a regular polygon, and exact areas within them.
+"""Outlines of the pupil, a disc or a polygon, obstructed or squeezed, and exact areas within them.
 
 An outline lies in the unit disc of lens points and gives G(x, y), its area left of x and above y;
 differences of G over corners are areas of rectangles.
@@ -13,6 +13,9 @@ from functools import cached_property
 
 import torch
 from torch import Tensor
+
+# A number, or a tensor of one number that a gradient may flow to.
+Scalar = float | Tensor
 
 # A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
 _LEVEL_SLOPE = 1e-6
@@ -106,6 +109,44 @@ class Polygon(Outline):
                 sign = 1.0 if end[0] > start[0] else -1.0
                 edges.append((sign, x0, x1, y0, (y1 - y0) / (x1 - x0)))
         return edges
+
+
+@dataclass(frozen=True)
+class Obstructed(Outline):
+    """An outline around an opaque disc, as the secondary mirror of a mirror lens leaves it.
+
+    Attributes:
+        outline: The outline.
+        ratio: Radius of the opaque disc in radii of the lens, within (0, 1).
+    """
+
+    outline: Outline
+    ratio: Scalar
+
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """The area of the outline without that of the disc."""
+        inner = Disc().cumulative_area((x / self.ratio).clamp(-1, 1), (y / self.ratio).clamp(-1, 1))
+        return self.outline.cumulative_area(x, y) - self.ratio**2 * inner
+
+
+@dataclass(frozen=True)
+class Squeezed(Outline):
+    """An outline that is narrower along one axis, as an anamorphic lens shows it.
+
+    Attributes:
+        outline: The outline.
+        across: How many times it is narrower along x, 1 or more.
+        down: How many times it is narrower along y, 1 or more.
+    """
+
+    outline: Outline
+    across: Scalar
+    down: Scalar
+
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """The area between the same fractions of the outline."""
+        wide, high = (x * self.across).clamp(-1, 1), (y * self.down).clamp(-1, 1)
+        return self.outline.cumulative_area(wide, high) / (self.across * self.down)
 
 
 def _half_disc_area(x: Tensor) -> Tensor:

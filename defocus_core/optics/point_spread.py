@@ -12,7 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import LEFT, Aperture
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import LEFT
 from defocus_core.optics.pinhole import Scalar
 from defocus_core.optics.psf_map_drawing import drawn
 from defocus_core.optics.thin_lens import ThinLens

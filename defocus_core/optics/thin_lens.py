@@ -19,7 +19,16 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.pinhole import PinholeCamera, Scalar
-from defocus_core.runtime.validation import device_named, floating, number, numbers, positive
+from defocus_core.runtime.validation import (
+    bad_depth,
+    between,
+    broadcast,
+    device_named,
+    floating,
+    number,
+    numbers,
+    positive,
+)
 
 _UNITS = "lengths are in mm, an f-number has no unit"
 
@@ -39,6 +48,8 @@ class ThinLens(PinholeCamera):
         foc_dist: -s, the plane in focus in mm; set by `refocus`, -20000 or -inf at first.
         d_far: Depth beyond which `coc` stays what it is there, in mm; -inf for none.
         d_close: Depth nearer than which `coc` stays what it is there, in mm; 0 for none.
+        sharp_range: (nearest, farthest) distance in mm of what is in focus besides, with a CoC of
+            0; None for none. The law is unchanged outside.
         obj_depth: Depth that the PSF maps show by default, in mm.
     """
 
@@ -75,6 +86,7 @@ class ThinLens(PinholeCamera):
         self.dtype = floating(dtype)
         self.d_far = -math.inf
         self.d_close = 0.0
+        self.sharp_range: tuple[float, float] | None = None
         self.obj_depth = -20000.0
         self.refocus(-20000.0 if number("foclen", foclen) < 20000.0 else -math.inf)
 
@@ -135,7 +147,8 @@ class ThinLens(PinholeCamera):
         self._require_real_image("foc_dist", self.foc_dist)
         z = self._limited(self._distance("depth", depth))
         s = self._parameter("foc_dist", z).abs()
-        return self._coc_per_disparity(s) * (1 / s - 1 / z)
+        coc = self._coc_per_disparity(s) * (1 / s - 1 / z)
+        return coc if self.sharp_range is None else coc.masked_fill(self._is_sharp(z), 0.0)
 
     def signed_radius(self, depth: Scalar) -> Tensor:
         """Signed CoC radius r = c / (2 p) in px, the unit of the renderer.
@@ -212,7 +225,7 @@ class ThinLens(PinholeCamera):
         s = self._distance("foc_dist", foc_dist)
         self._require_real_image("foc_dist", s)
         c = self._acceptable(coc)
-        if not _fit(c.shape, s.shape):
+        if not broadcast(c.shape, s.shape):
             raise ValueError(
                 f"coc must be one diameter or one for each of {list(s.shape)} distances, got "
                 f"{list(c.shape)}; 0.03 mm suits 36×24 mm"
@@ -248,6 +261,10 @@ class ThinLens(PinholeCamera):
         )
         return z.clamp(least, most)
 
+    def _is_sharp(self, z: Tensor) -> Tensor:
+        """Whether distances lie within the sharp range."""
+        return between("sharp_range", self.sharp_range, z)
+
     def _parameter(self, name: str, other: Tensor) -> Tensor:
         """The attribute of that name as a 0-dim tensor like another."""
         value = getattr(self, name)
@@ -281,18 +298,3 @@ class ThinLens(PinholeCamera):
         if not bool((c >= 0).all()):
             raise ValueError(f"coc must be a diameter in mm, 0 or more, got {float(c.min())}")
         return c
-
-
-def _fit(first: torch.Size, second: torch.Size) -> bool:
-    """Whether tensors of these shapes can be combined by broadcasting."""
-    pairs = zip(reversed(first), reversed(second), strict=False)
-    return all(a == b or 1 in (a, b) for a, b in pairs)
-
-
-def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
-    """The error for distances that are not as wanted."""
-    bad = depth.detach()[~good].flatten()
-    return ValueError(
-        f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
-        "fill or mask what is not known, inf is the sky"
-    )

@@ -237,3 +237,33 @@ def described(value: Any) -> str:
         return f"{kind}{value.dtype} {list(value.shape)}"
     shown = repr(value.item() if isinstance(value, Tensor) else value)
     return shown if len(shown) <= _LETTERS else f"{shown[:_LETTERS]}…"
+
+
+def bad_depth(name: str, depth: Tensor, good: Tensor, wanted: str) -> ValueError:
+    """The error for distances that are not as wanted."""
+    bad = depth.detach()[~good].flatten()
+    return ValueError(
+        f"{name} must be {wanted}, got {float(bad[0])} in {bad.numel()} of {depth.numel()} values; "
+        "fill or mask what is not known, inf is the sky"
+    )
+
+
+def broadcast(first: torch.Size, second: torch.Size) -> bool:
+    """Whether tensors of these shapes can be combined by broadcasting."""
+    pairs = zip(reversed(first), reversed(second), strict=False)
+    return all(a == b or 1 in (a, b) for a, b in pairs)
+
+
+def between(name: str, ends: Any, z: Tensor) -> Tensor:
+    """Whether distances z lie between two others, in mm, both included.
+
+    Raises:
+        ValueError: If the ends are not two positive distances, the nearest first.
+    """
+    wanted = f"{name} must be (nearest, farthest) in mm, got {described(ends)}; None is no range"
+    if not (isinstance(ends, Sequence) and len(ends) == 2):
+        raise ValueError(wanted)
+    near, far = (number(name, end, "two distances in mm") for end in ends)
+    if not 0 < near <= far:
+        raise ValueError(wanted)
+    return (z >= near) & (z <= far)

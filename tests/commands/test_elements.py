@@ -319,3 +319,58 @@ def test_passes_need_a_file_that_can_hold_them(tmp_path: Path) -> None:
     made, _ = passes(tmp_path / "a.exr")
     arguments = ("-o", tmp_path / "o", *LENS, "1m", "--format", "png", "--blur-channels", "N.X")
     refused(run("render", made, *arguments), 2, "--blur-channels", "use --format exr")
+
+
+def moments(plane: Any) -> tuple[float, float]:
+    """Variances of light along x and y, in px²."""
+    total = plane.sum(dtype=np.float64)
+    variances = []
+    for axis, length in ((0, plane.shape[1]), (1, plane.shape[0])):
+        light = plane.sum(axis, dtype=np.float64) / total
+        places = np.arange(length)
+        variances.append(float((light * (places - (light * places).sum()) ** 2).sum()))
+    return variances[0], variances[1]
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.5, 2.0])
+@pytest.mark.parametrize("squeeze", [1.0, 1.6])
+def test_pixels_that_are_not_square_show_ellipses(
+    aspect: float, squeeze: float, tmp_path: Path
+) -> None:
+    planes = {name: np.zeros((80, 80), np.float32) for name in "RGB"}
+    planes["R"][40, 40] = 100
+    planes["Z"] = np.full((80, 80), METRES, np.float32)
+    made = write(tmp_path / "a.exr", planes, pixelAspectRatio=aspect)
+    lens = ("--sensor-width", "20mm", "--squeeze", str(squeeze))
+    ran = render(made, tmp_path / "o", "--outputs", "render,coc", "-v", *lens)
+    assert ran.code == 0, ran.err
+    assert f"pixels {aspect:g} times as wide as high" in ran.err
+    assert header(tmp_path / "o" / "render" / "a.exr")["pixelAspectRatio"] == aspect
+    radius = float(read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"][0, 0])
+    across, down = moments(read_exr(tmp_path / "o" / "render" / "a.exr")["R"])
+    # A uniform ellipse of half axes a and b; a pixel adds 1/12 px².
+    assert across == pytest.approx((radius / squeeze) ** 2 / 4 + 1 / 12, rel=0.02)
+    assert down == pytest.approx((radius * aspect) ** 2 / 4 + 1 / 12, rel=0.02)
+
+
+def test_a_wide_pixel_is_two_square_ones(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    shape = (32, 24)
+    near = np.zeros(shape, bool)
+    near[8:24, 6:14] = True
+    planes = {name: rng.random(shape, np.float32) for name in "RGB"}
+    planes["Z"] = np.where(near, np.float32(0.9), np.float32(METRES))
+    lens = ("--sensor-width", "90mm")
+    wide = write(tmp_path / "a.exr", planes, pixelAspectRatio=2.0)
+    double = {name: np.repeat(plane, 2, axis=1) for name, plane in planes.items()}
+    seen = picture(wide, tmp_path / "o", *lens)
+    square = picture(write(tmp_path / "b.exr", double), tmp_path / "p", *lens)
+    for name in "RGB":
+        expected = square[name].reshape(32, 24, 2).mean(2)
+        assert np.sqrt(np.square(seen[name] - expected).mean()) < 0.02
+
+
+def test_distances_to_the_point_need_square_pixels(tmp_path: Path) -> None:
+    planes = element(np.ones(SIZE, np.float32))
+    made = write(tmp_path / "a.exr", planes, pixelAspectRatio=2.0)
+    refused(render(made, tmp_path / "o", "--radial"), 3, "not square", "depth along the axis")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 from command_line import (
     HEIGHT,
     WIDTH,
@@ -209,3 +210,19 @@ def test_metadata_serve_a_jobs_file(tmp_path: Path) -> None:
     ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1", "-v")
     assert ran.code == 0, ran.err
     assert "50mm f/2, focus 2m" in ran.err
+
+
+def test_a_contact_sheet_shows_some_frames(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    ran = render(*patterns, "-o", tmp_path / "out", "--contact", "3")
+    assert ran.code == 0, ran.err
+    assert "contact sheet ->" in ran.err
+    sheet = oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).get_pixels(oiio.UINT8)
+    assert sheet.shape == (2 * (HEIGHT + 22), 2 * 320, 3)
+    lit = [sheet[y : y + HEIGHT, x : x + WIDTH].any() for y in (0, HEIGHT + 22) for x in (0, 320)]
+    assert lit == [True, True, True, False]  # three frames, and an empty place
+    again = render(*patterns, "-o", tmp_path / "out", "--contact", "1")
+    assert again.code == 0
+    assert oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).spec().width == 320
+    ran = render(*patterns, "-o", tmp_path / "coc", "--contact", "3", "--outputs", "coc")
+    refused(ran, 2, "--contact: shows images")

@@ -339,3 +339,18 @@ def test_a_map_of_nothing_is_refused(grid):
     for of_grid in (lens.psf_map, lens.psf_map_dp):
         with pytest.raises(ValueError, match="at least 1 each"):
             of_grid(grid=grid)
+
+
+def test_a_sharp_range_has_no_blur_and_leaves_the_law_outside() -> None:
+    lens = DefocusLens(50.0, 1.4, (36.0, 24.0), (480, 320))
+    lens.refocus(2000.0)
+    z = torch.tensor([1000.0, 1800.0, 2100.0, 2400.0, 2400.1, math.inf], dtype=torch.float64)
+    plain = lens.signed_coc(z)
+    lens.sharp_range = (1800.0, 2400.0)
+    ranged = lens.signed_coc(z)
+    assert ranged[1:4].tolist() == [0.0, 0.0, 0.0]
+    torch.testing.assert_close(ranged[[0, 4, 5]], plain[[0, 4, 5]], rtol=0, atol=0)
+    for wrong in ((2400.0, 1800.0), (0.0, 1.0), 5.0, (1.0,)):
+        lens.sharp_range = wrong
+        with pytest.raises(ValueError, match=r"sharp_range must be \(nearest, farthest\)"):
+            lens.signed_coc(z)

@@ -11,7 +11,7 @@ from scenes import RADII, Scene, blurred_card, pattern, slanted_waves
 from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
-from defocus_core.optics.aperture import LEFT, RIGHT
+from defocus_core.optics.parts import LEFT, RIGHT
 
 APERTURES = [Aperture(), Aperture(6, 10.0), Aperture(5, 0.0), Aperture(psf_type="gaussian")]
 

@@ -10,7 +10,8 @@ from defocus_core.compositing.bokeh_discs import draw
 from defocus_core.compositing.highlights import Highlights
 from defocus_core.images.box import Box
 from defocus_core.layers.ladder import position
-from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
 
 RADII = tuple(float(r) for r in range(-12, 31, 2))
 H, W = 61, 83

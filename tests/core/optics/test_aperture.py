@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from tolerances import ROUNDING, SUM
 from torch import Tensor
 
-from defocus_core.optics.aperture import FULL, LEFT, RIGHT, Aperture, Part
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
 
 DISC = Aperture()
 HEXAGON = Aperture(blades=6, rotation=10.0)

@@ -38,7 +38,7 @@ def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overs
     )
 
 
-def color_contents(color: Color) -> dict[str, Any]:
+def color_figures(color: Color) -> dict[str, Any]:
     """Its channels, the pixels that are not finite, and those that alpha leaves out, in part too.
 
     Pixels beyond the picture shown count.
@@ -57,7 +57,7 @@ def color_contents(color: Color) -> dict[str, Any]:
     return record
 
 
-def depth_contents(
+def depth_figures(
     path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
 ) -> tuple[str, dict[str, Any]]:
     """How the depth would be read, and its figures; ranges are None without valid pixels.
@@ -120,7 +120,7 @@ def _read(
 ) -> Depth:
     """The depth of a file, with nothing where the alpha of its colour is 0."""
     from defocus_cli.depth_formats.depth import read_depth
-    from defocus_cli.rendering.element import element_depth
+    from defocus_cli.elements.alpha import element_depth
 
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     if color is None:

@@ -1,0 +1,59 @@
+"""``defocus aperture``: the opening of a lens, and the blur of a point, to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli.jobs.job import Lens
+from defocus_cli.jobs.quantities import pixel_count
+from defocus_cli.options.lens import shape_options
+from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
+from defocus_cli.rendering.opening import write_aperture
+from defocus_cli.system import console
+from defocus_cli.system.errors import InputError
+
+
+@click.command(
+    "aperture",
+    cls=GroupedCommand,
+    short_help="Draw the opening of a lens, and the blur of a point.",
+)
+@grouped_option(
+    "Output",
+    "-o",
+    "--out",
+    type=FilePath(),
+    required=True,
+    metavar="FILE",
+    help="File to write: .png to look at, .exr to measure.",
+)
+@grouped_option(
+    "Output",
+    "--radius",
+    type=Quantity(pixel_count, "PX"),
+    default="16px",
+    show_default=True,
+    metavar="PX",
+    help="Radius of the blur.",
+)
+@grouped_option("Output", "--nearer", is_flag=True, help="Of a point nearer than the focus.")
+@grouped_option("Output", "--overwrite", is_flag=True, help="Replace a file that is there.")
+@shape_options()
+def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens) -> None:
+    """Draw the opening of a lens, and the blur of a point beyond the focus.
+
+    A PNG shows four squares: the opening, the blur of a point at --radius with every pixel of it
+    enlarged, and what the left and the right half of the opening make of it. An EXR has the blur
+    alone, in channel 'kernel', whose sum is 1.
+
+    \b
+    Examples:
+      defocus aperture -o hexagon.png --blades 6 --blade-curvature 0.4
+      defocus aperture -o mirror.exr --obstruction 0.4 --radius 40px
+    """  # noqa: D301  click reads the backspace
+    if out.exists() and not overwrite:
+        raise InputError(out, "is there already", "give another name, or --overwrite")
+    write_aperture(out, lens, -radius if nearer else radius)
+    console.tell(f"wrote {out}")

@@ -1,0 +1,56 @@
+"""``defocus lenses``: the lens files that ship, and what they look like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli.jobs.shipped_lenses import shipped_lenses
+from defocus_cli.options import shared
+from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
+from defocus_cli.system import console
+from defocus_cli.system.errors import InputError
+
+
+@click.command(
+    "lenses", cls=GroupedCommand, short_help="List the lens files that ship, or show their looks."
+)
+@grouped_option(
+    "Output",
+    "-o",
+    "--out",
+    type=FilePath(),
+    metavar="FILE.png",
+    help="Contact sheet to write: the same lights, at the same radii, with each lens.",
+)
+@grouped_option("Output", "--overwrite", is_flag=True, help="Replace a file that is there.")
+@shared.json_option
+def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
+    """List the lens files that ship with defocus, as '--lens @NAME' takes them.
+
+    A lens that ships has no focus: give it one, and any other option that should win over it.
+
+    \b
+    With --json, "lenses" has of each: name, subject, file.
+
+    \b
+    Examples:
+      defocus lenses -o looks.png
+      defocus render rgb.exr depth.exr -o out --lens @portrait-85 --focus 2m
+    """  # noqa: D301  click reads the backspace
+    lenses = shipped_lenses()
+    if out is not None:
+        if out.suffix.lower() != ".png":
+            raise InputError(out, "is no PNG", "end its name in .png")
+        if out.exists() and not overwrite:
+            raise InputError(out, "is there already", "give another name, or --overwrite")
+        from defocus_cli.rendering.contact_sheet import write_sheet
+
+        write_sheet(out, lenses)
+    if as_json:
+        rows = [{"name": x.name, "subject": x.subject, "file": str(x.path)} for x in lenses]
+        console.print_json(lenses=rows)
+        return
+    for lens in lenses:
+        console.tell(f"{lens.name:<16}{lens.subject}")

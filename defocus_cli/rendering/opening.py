@@ -1,0 +1,161 @@
+"""The opening of a lens: its pupil, with its picture if it has one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from defocus_cli.formats.color_space import linear_to_srgb, quantised
+from defocus_cli.formats.kinds import DISPARITY_PER_RADIUS
+from defocus_cli.jobs.job import Lens
+from defocus_cli.system.errors import InputError, UsageProblem, reason
+from defocus_cli.system.safe_files import read_head
+
+if TYPE_CHECKING:
+    from defocus_core import Aperture, DualPixel, PupilImage
+
+# Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
+# of JPEG makes less.
+_GREY = 0.02
+_MOST_SIDE = 4096  # px; sums of areas lose digits beyond
+_MOST_RADIUS = 2000  # px of a drawn blur
+_SHOWN = 256  # px of a side of a square of the picture to look at
+
+
+def aperture_of(lens: Lens) -> Aperture:
+    """The pupil of a lens.
+
+    Raises:
+        InputError: the picture of the pupil cannot be used.
+    """
+    from defocus_core import Aperture
+
+    picture = None if lens.aperture_image is None else pupil_image(lens.aperture_image)
+    return Aperture(
+        blades=lens.blades,
+        rotation=lens.blade_rotation,
+        curvature=lens.blade_curvature,
+        obstruction=lens.obstruction,
+        spherical=lens.spherical,
+        image=picture,
+        squeeze=lens.squeeze,
+    )
+
+
+def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float]:
+    """The pupil of a lens before pixels that need not be square.
+
+    A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
+
+    Args:
+        lens: the lens.
+        pixel_aspect: width of a pixel by its height.
+
+    Returns:
+        The pupil, and the longer half axis of its blur in px, in radii of the CoC.
+
+    Raises:
+        InputError: the picture of the pupil cannot be used.
+    """
+    pupil = aperture_of(lens)
+    if pixel_aspect == 1:
+        return pupil, 1.0
+    squeeze = lens.squeeze * pixel_aspect
+    longer = pixel_aspect if squeeze >= 1 else 1 / lens.squeeze
+    return replace(pupil, squeeze=squeeze), longer
+
+
+def dual_pixel_of(lens: Lens) -> DualPixel:
+    """The photodiodes of the sensor behind a lens."""
+    from defocus_core import DualPixel
+
+    return DualPixel(lens.dp_model, lens.dp_crosstalk)
+
+
+def disparity_of(lens: Lens) -> float:
+    """Px between left and right for a CoC radius of a px, signed alike.
+
+    Without effects it is that of half discs.
+    """
+    if not lens.effects:
+        return DISPARITY_PER_RADIUS
+    return dual_pixel_of(lens).disparity(aperture_of(lens))
+
+
+def pupil_image(path: Path) -> PupilImage:
+    """The picture of a pupil, as light: what a file of colours is read as.
+
+    Raises:
+        InputError: the file cannot be read, is coloured, or no picture of a pupil.
+    """
+    status = path.stat() if path.is_file() else None
+    return _pupil_image(path, status and (status.st_size, status.st_mtime_ns))
+
+
+@lru_cache(maxsize=16)
+def _pupil_image(path: Path, _stamp: object) -> PupilImage:
+    import numpy as np
+    import torch
+
+    from defocus_cli.formats.color import read_color
+    from defocus_cli.formats.float_maps import NPY_MAGIC, read_npy
+    from defocus_core import PupilImage
+
+    if read_head(path).startswith(NPY_MAGIC):
+        values = np.asarray(read_npy(path, integers=True), "float64")
+        light = values[None] if values.ndim == 2 else np.moveaxis(values, -1, 0)
+    else:
+        color = read_color(path)
+        light = np.stack([plane[:] for plane in color.planes], dtype="float64")
+        light = light[: len(color.channels) - ("A" in color.channels)]
+    if light.ndim != 3 or max(light.shape[1:]) > _MOST_SIDE:
+        shape = " × ".join(str(n) for n in light.shape)
+        problem = f"is no picture of a pupil: it has {shape} numbers"
+        raise InputError(path, problem, f"give one picture of {_MOST_SIDE} px a side at most")
+    if float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max()):
+        raise InputError(path, "is coloured, but the opening is grey", "save it as grey")
+    try:
+        return PupilImage(torch.from_numpy(light.mean(axis=0)))
+    except ValueError as error:
+        problem = f"is no picture of a pupil: {reason(error)}"
+        raise InputError(path, problem, "give a picture that is bright where it is open") from None
+
+
+def write_aperture(path: Path, lens: Lens, radius: float) -> None:
+    """Write the opening and the blur of a point to look at, PNG, or the blur alone, EXR.
+
+    Args:
+        path: the file; its suffix decides.
+        lens: the lens.
+        radius: of the blur, in px, signed.
+
+    Raises:
+        InputError: the picture of the pupil cannot be used, or the file not be written.
+    """
+    import numpy as np
+    import torch
+
+    from defocus_cli.exr.writing import write_exr
+    from defocus_cli.formats.encode import write_samples
+
+    if path.suffix.lower() not in (".png", ".exr"):
+        raise InputError(path, "is neither PNG nor EXR", "end its name in .png or .exr")
+    if abs(radius) > _MOST_RADIUS:
+        raise UsageProblem("--radius", f"is beyond {_MOST_RADIUS} px", "give a smaller one")
+    pupil = aperture_of(lens)
+    r = torch.tensor(radius, dtype=torch.float64)
+    pixel = dual_pixel_of(lens)
+    kernels = pixel.kernels(pupil, r, 2 * math.ceil(abs(radius)) + 1).numpy()
+    if path.suffix.lower() == ".exr":
+        write_exr(path, {"kernel": kernels[0].astype("float32")}, {})
+        return
+    opening = pupil.kernel(torch.tensor(_SHOWN / 2.0, dtype=torch.float64), _SHOWN).numpy()
+    squares = []
+    for light in (opening, *kernels):
+        cells = np.arange(_SHOWN) * len(light) // _SHOWN
+        squares.append(light[np.ix_(cells, cells)] / light.max())
+    shown = linear_to_srgb(np.concatenate(squares, axis=1).astype("float32"))
+    write_samples(path, shown.shape, iter([quantised(shown[..., None], 8)]), "png", {})

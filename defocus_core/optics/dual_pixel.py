@@ -1,0 +1,77 @@
+"""Dual pixels: how the two photodiodes of a pixel share the light of the pupil."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.outline import Scalar
+from defocus_core.optics.parts import LEFT, RIGHT, Part
+from defocus_core.runtime.validation import number, one_of
+
+# The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of
+# the pupil and 0 for the right, or (1 - u.x) / 2 throughout.
+_HALVES: dict[str, tuple[Part, Part]] = {
+    "split": (LEFT, RIGHT),
+    "smooth": (Part(lean=-1.0), Part(lean=1.0)),
+}
+DUAL_PIXEL_MODELS: tuple[str, ...] = tuple(_HALVES)
+_MOST_CROSSTALK = 0.5
+
+
+@dataclass(frozen=True)
+class DualPixel:
+    """The left and the right photodiodes of a sensor.
+
+    Attributes:
+        model: "split", each sees half of the pupil; or "smooth", each sees all of it, with a
+            sensitivity that falls linearly from its own side to the other: the linear mask of
+            Abuolaim et al., "Learning to reduce defocus blur by realistically modeling dual-pixel
+            data", ICCV 2021.
+        crosstalk: The share of its light that each gives to the other, below 0.5; a number, or a
+            tensor of one number that a gradient flows to.
+
+    Raises:
+        ValueError: If an attribute is not one of the above.
+    """
+
+    model: str = "split"
+    crosstalk: Scalar = 0.0
+
+    def __post_init__(self) -> None:
+        one_of("model", self.model, DUAL_PIXEL_MODELS)
+        meaning = "it is the share of the light that goes to the other photodiode"
+        if not 0 <= number("crosstalk", self.crosstalk, meaning) < _MOST_CROSSTALK:
+            problem = f"crosstalk must be 0 or more and below 0.5, got {self.crosstalk}"
+            raise ValueError(f"{problem}; {meaning}")
+
+    @property
+    def halves(self) -> tuple[Part, Part]:
+        """The parts of the pupil that the left and the right photodiodes see."""
+        return _HALVES[self.model]
+
+    def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
+        """The blur of a point in the centre, left and right images: [..., 3, size, size].
+
+        Args:
+            aperture: The pupil.
+            radius: As for `Aperture.kernel`.
+            size: As for `Aperture.kernel`.
+        """
+        left, right = (aperture.kernel(radius, size, part) for part in self.halves)
+        centre = aperture.kernel(radius, size)
+        return torch.stack([centre, *self.crossed(torch.stack([left, right]), centre)], -3)
+
+    def crossed(self, pair: Tensor, centre: Tensor) -> Tensor:
+        """Left and right [2, C, h, w] with crosstalk; their mean, the centre [C, h, w], stays."""
+        if not isinstance(self.crosstalk, Tensor) and self.crosstalk == 0:
+            return pair
+        return centre + (pair - centre) * (1 - 2 * self.crosstalk)
+
+    def disparity(self, aperture: Aperture) -> float:
+        """Px between the centroids of left and right for a CoC radius of a px, signed alike."""
+        left, right = (aperture.fixed.centroid(part)[0] for part in self.halves)
+        return float(right - left) * (1 - 2 * float(self.crosstalk))

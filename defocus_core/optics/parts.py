@@ -1,0 +1,103 @@
+"""Parts of the pupil: halves, quarters and sixteenths, their areas and weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.outline import Outline
+
+# Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
+_CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
+# The least share of the pupil that is a part.
+_LEAST_PART = 1e-3
+# Pixels across the pupil with which the weight of a part of a gaussian pupil is summed.
+_WEIGHING_RADIUS = 256.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1.
+
+    What lies in it counts 1 + lean u.x times; of a squeezed pupil, u.x before it is squeezed.
+    """
+
+    x0: float = -1.0
+    x1: float = 1.0
+    y0: float = -1.0
+    y1: float = 1.0
+    lean: float = 0.0
+
+    @property
+    def is_left(self) -> bool:
+        """Whether it belongs to the left of two halves."""
+        return self.x1 <= 0 or self.lean < 0
+
+    def clamp(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Lens coordinates, moved into the part."""
+        return x.clamp(self.x0, self.x1), y.clamp(self.y0, self.y1)
+
+
+FULL = Part()
+LEFT = Part(x1=0.0)
+RIGHT = Part(x0=0.0)
+
+
+@lru_cache(maxsize=256)
+def parts_of(outline: Outline, count: int) -> tuple[Part, ...]:
+    """The parts of a pupil, first those of the LEFT half."""
+    if count == 1:
+        return (FULL,)
+    if count == 2:
+        return LEFT, RIGHT
+    if count == 4:
+        cuts = [(half, _halving_height(outline, half)) for half in (LEFT, RIGHT)]
+        return tuple(p for half, y in cuts for p in (replace(half, y1=y), replace(half, y0=y)))
+    sides = list(pairwise(_CUTS))
+    least = _LEAST_PART * area_of(outline, FULL)
+    parts = (Part(x0, x1, y0, y1) for x0, x1 in sides for y0, y1 in sides)
+    return tuple(part for part in parts if area_of(outline, part) > least)
+
+
+def _halving_height(outline: Outline, part: Part) -> float:
+    """The y of the level cut that halves a part's area, by bisection."""
+    low, high, half = part.y0, part.y1, area_of(outline, part) / 2
+    for _ in range(50):
+        middle = (low + high) / 2
+        if abs(excess := area_of(outline, replace(part, y1=middle)) - half) < 1e-14:
+            return middle
+        low, high = (middle, high) if excess < 0 else (low, middle)
+    return (low + high) / 2
+
+
+@lru_cache(maxsize=4096)
+def area_of(outline: Outline, part: Part) -> Any:
+    """Area of the part in units of the lens radius squared, a number unless it has a gradient."""
+    x = torch.tensor([part.x0, part.x1], dtype=torch.float64, device="cpu")
+    y = torch.tensor([part.y0, part.y1], dtype=torch.float64, device="cpu")
+    area = outline.areas(x, y)
+    return area[0, 0] if area.requires_grad else float(area)
+
+
+@lru_cache(maxsize=256)
+def weight_of(outline: Outline, part: Part) -> float:
+    """Area of the part times the gaussian profile, in units of the lens radius squared."""
+    u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64, device="cpu")
+    u = u / _WEIGHING_RADIUS
+    return float((outline.areas(*part.clamp(u, u)) * gaussian(u)).sum())
+
+
+def gaussian(u: Tensor) -> Tensor:
+    """exp(-|u|² / 2) at the middle of each pixel, [..., n] corners to [..., n - 1, n - 1].
+
+    Corners are clamped to the unit square, which keeps it positive for any radius.
+    """
+    inside = u.clamp(-1, 1)
+    middle = (inside[..., 1:] + inside[..., :-1]) / 2
+    fall = torch.exp(-(middle**2) / 2)
+    return fall[..., :, None] * fall[..., None, :]

@@ -1,0 +1,88 @@
+"""A pupil given as a picture of its transmission, such as a measured kernel or a cut-out shape."""
+
+from __future__ import annotations
+
+from hashlib import blake2b
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.outline import Outline
+from defocus_core.runtime.validation import dense, described
+
+# Transmission below this share of the greatest is dark: noise of a measured picture has no extent.
+_DARK = 1e-3
+
+
+class PupilImage(Outline):
+    """A picture of the pupil as points beyond focus show it: x to the right, y down.
+
+    Its centroid lies in the middle of the lens, and the radius of the lens is the greatest distance
+    from there to the border of a lit pixel, sideways or up and down. Pixels are squares of even
+    transmission, so that areas are exact. Two of the same picture are equal.
+    """
+
+    def __init__(self, transmission: Tensor) -> None:
+        """Find the centroid and the extent of a picture.
+
+        Args:
+            transmission: [H, W], 0 or more; its scale does not matter.
+
+        Raises:
+            ValueError: If it is no picture of finite numbers, or all of it is dark.
+        """
+        if not (isinstance(transmission, Tensor) and transmission.dim() == 2):
+            problem = f"transmission must be a tensor [H, W], got {described(transmission)}"
+            raise ValueError(f"{problem}; a coloured pupil has one for each channel")
+        dense("transmission", transmission)
+        picture = transmission.detach().to("cpu", torch.float64)
+        if not bool(picture.isfinite().all() and (picture >= 0).all()):
+            raise ValueError(
+                "transmission must be finite and 0 or more, got a value that is not; "
+                "mend the picture of the pupil"
+            )
+        most = float(picture.max()) if picture.numel() else 0.0
+        if most <= 0:
+            raise ValueError(
+                "transmission must be above 0 somewhere, got a black picture; the pupil is bright"
+            )
+        picture = picture / most
+        picture = torch.where(picture > _DARK, picture, 0.0)
+        self._key = (tuple(picture.shape), blake2b(picture.numpy().tobytes()).digest())
+        self._sums = torch.nn.functional.pad(picture, (1, 0, 1, 0)).cumsum(0).cumsum(1)
+        mass = float(self._sums[-1, -1])
+        rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in picture.shape)
+        self._middle = float(picture.sum(0) @ columns) / mass, float(picture.sum(1) @ rows) / mass
+        reaches = [
+            float((places[lit] - middle).abs().max()) + 0.5
+            for places, middle, lit in (
+                (columns, self._middle[0], picture.amax(0) > 0),
+                (rows, self._middle[1], picture.amax(1) > 0),
+            )
+        ]
+        self._radius = max(reaches)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PupilImage) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """The sum of the picture left of x and above y: bilinear between corners of its pixels."""
+        sums = self._sums.to(x.device)
+        (row, below), (column, beside) = (
+            self._cell(value, middle, count)
+            for value, middle, count in zip(
+                (y, x), reversed(self._middle), self._key[0], strict=True
+            )
+        )
+        corners = [[sums[row + i, column + j] for j in (0, 1)] for i in (0, 1)]
+        above, under = (torch.lerp(left, right, beside) for left, right in corners)
+        return torch.lerp(above, under, below) / self._radius**2
+
+    def _cell(self, place: Tensor, middle: float, count: int) -> tuple[Tensor, Tensor]:
+        """The pixel, of `count`, that holds each place of the lens, and the share before it."""
+        at = (place * self._radius + middle).clamp(0, count)
+        pixel = at.detach().floor().clamp(max=count - 1)
+        return pixel.long(), at - pixel

@@ -1,0 +1,51 @@
+"""Sensor noise: the shot noise of light and the read noise of the electronics."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from defocus_core.runtime.validation import check_image, number, positive, whole
+
+_UNITS = "noise is counted in electrons"
+
+
+def with_noise(
+    light: Tensor, *, electrons: float, read: float, seed: int, first_row: int = 0
+) -> Tensor:
+    """Light as a sensor counts it: a Poisson number of electrons, and what reading adds to them.
+
+    Each row has random numbers of its own: a picture in strips is the whole picture.
+
+    Args:
+        light: [C, H, W], linear. What is negative has no shot noise.
+        electrons: Mean number of electrons of a light of 1.
+        read: Standard deviation of the read noise in electrons, 0 or more.
+        seed: A whole number; the same seed makes the same noise.
+        first_row: Number of the first row in its picture.
+
+    Returns:
+        [C, H, W], on the CPU, in the dtype of the light.
+
+    Raises:
+        ValueError: If an argument is not one of the above.
+    """
+    check_image(light, alone=True)
+    positive("electrons", electrons, _UNITS)
+    if not number("read", read, _UNITS) >= 0:
+        raise ValueError(f"read must be 0 or more, got {read}; {_UNITS}")
+    seed, first_row = whole("seed", seed, "any will do", 0), whole("first_row", first_row, "", 0)
+    counts = light.detach().to("cpu", torch.float64) * electrons
+    generator, noisy = torch.Generator("cpu"), torch.empty_like(counts)
+    for row in range(counts.shape[-2]):
+        generator.manual_seed((seed * _PRIME + first_row + row) % _MOST_SEED)
+        mean = counts[:, row]
+        shot = torch.poisson(mean.clamp(min=0), generator=generator) + mean.clamp(max=0)
+        noise = torch.randn(mean.shape, dtype=torch.float64, generator=generator)
+        noisy[:, row] = shot + read * noise
+    return (noisy / electrons).to(light.dtype)
+
+
+# Seeds of pictures are this far apart, more than a picture has rows.
+_PRIME = 1_000_003
+_MOST_SEED = 2**63 - 1

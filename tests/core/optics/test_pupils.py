@@ -1,0 +1,238 @@
+"""Pupils that are neither round nor of straight blades keep energy, shape and gradients."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import Aperture, PupilImage, render
+from defocus_core.optics.parts import FULL, LEFT, RIGHT
+
+CURVED = Aperture(5, 33.0, curvature=0.6)
+MIRROR = Aperture(obstruction=0.4)
+RING = Aperture(spherical=0.8)
+OVAL = Aperture(squeeze=2.0)
+FINE = 25  # sub-pixels on a side of a supersampled pixel
+
+
+def double(value: float, *, learns: bool = False) -> Tensor:
+    return torch.tensor(value, dtype=torch.float64, requires_grad=learns)
+
+
+def heart(side: int = 96) -> Tensor:
+    """A picture without symmetry up and down, off the middle of its frame."""
+    v, u = (torch.arange(side, dtype=torch.float64) - side / 2) / (side / 3), None
+    u = v[None, :] + 0.2
+    v = -v[:, None] + 0.1
+    return ((u**2 + v**2 - 1) ** 3 < u**2 * v**3).double()
+
+
+IMAGE = Aperture(image=PupilImage(heart()))
+PUPILS = [
+    CURVED,
+    MIRROR,
+    RING,
+    OVAL,
+    IMAGE,
+    Aperture(9, 10.0, curvature=0.9, obstruction=0.3, spherical=-0.7, squeeze=0.6),
+]
+
+
+def grid(radius: float, size: int) -> tuple[Tensor, Tensor]:
+    """Lens points u.x and u.y of the sub-pixels of a kernel."""
+    fine = ((torch.arange(size * FINE, dtype=torch.float64) + 0.5) / FINE - size / 2) / radius
+    return fine[None, :].expand(size * FINE, -1), fine[:, None].expand(-1, size * FINE)
+
+
+def counted(inside: Tensor, size: int) -> Tensor:
+    counts = inside.double().reshape(size, FINE, size, FINE).sum((1, 3))
+    return counts / counts.sum()
+
+
+@pytest.mark.parametrize("sides", [3, 5, 8])
+@pytest.mark.parametrize("curvature", [0.2, 0.6, 0.97])
+def test_curved_blades_are_arcs_through_the_vertices(sides: int, curvature: float) -> None:
+    x, y = grid(7.3, 17)
+    inside = torch.ones_like(x, dtype=torch.bool)
+    for k in range(sides):
+        middle = math.radians(33.0 + 360 * (k + 0.5) / sides)
+        half = math.sin(math.pi / sides)
+        away = math.cos(math.pi / sides) - math.sqrt(curvature**-2 - half**2)
+        across, down = away * math.cos(middle), -away * math.sin(middle)
+        inside &= (x - across) ** 2 + (y - down) ** 2 <= curvature**-2
+    kernel = Aperture(sides, 33.0, curvature=curvature).kernel(double(7.3), 17)
+    expected = counted(inside, 17)
+    assert (kernel - expected).abs().max() < 3e-2 * expected.max()
+
+
+def test_curvature_goes_from_the_polygon_to_the_disc() -> None:
+    straight, disc = (a.kernel(double(8.2), 19) for a in (Aperture(6, 5.0), Aperture()))
+    least, most = (Aperture(6, 5.0, curvature=c).kernel(double(8.2), 19) for c in (2e-3, 1 - 1e-7))
+    assert (least - straight).abs().max() < 5e-3 * straight.max()
+    assert (most - disc).abs().max() < 1e-6 * disc.max()
+
+
+def test_an_obstruction_is_a_dark_disc_of_its_share_of_the_radius() -> None:
+    x, y = grid(9.1, 21)
+    distance = (x**2 + y**2).sqrt()
+    expected = counted((distance <= 1) & (distance >= 0.4), 21)
+    assert (MIRROR.kernel(double(9.1), 21) - expected).abs().max() < 3e-2 * expected.max()
+
+
+def test_a_squeezed_pupil_is_taller_than_wide_by_its_factor() -> None:
+    kernel = Aperture(squeeze=2.0).kernel(double(20.0), 43)
+    at = torch.arange(43, dtype=torch.float64) - 21
+    wide, tall = (float((kernel.sum(dim) * at**2).sum() - 1 / 12) for dim in (0, 1))
+    assert math.sqrt(tall / wide) == pytest.approx(2.0, rel=2e-3)
+    assert 2 * math.sqrt(tall) == pytest.approx(20.0, rel=2e-3)
+    flat = Aperture(squeeze=0.5).kernel(double(20.0), 43)
+    torch.testing.assert_close(flat, kernel.mT)
+
+
+def test_spherical_aberration_is_a_ring_on_one_side_of_focus_and_soft_on_the_other() -> None:
+    x, y = grid(10.0, 23)
+    squared = x**2 + y**2
+    for radius in (10.0, -10.0):
+        light = (squared <= 1) * (1 + math.copysign(0.8, radius) * (2 * squared - 1))
+        expected = counted(light, 23)
+        kernel = RING.kernel(double(radius), 23)
+        assert (kernel - expected).abs().max() < 0.03 * expected.max()
+    assert RING.kernel(double(10.0), 23)[11, 11] < 0.3 / (math.pi * 100)
+    assert RING.kernel(double(-10.0), 23)[11, 11] > 1.7 / (math.pi * 100)
+
+
+@pytest.mark.parametrize("radius", [8.0, 20.7])
+def test_a_point_is_the_picture_of_the_pupil_resampled(radius: float) -> None:
+    picture = heart()
+    size = 2 * math.ceil(radius) + 1
+    rows, columns = (torch.arange(96, dtype=torch.float64) + 0.5 for _ in range(2))
+    middle = (
+        float(picture.sum(0) @ columns / picture.sum()),
+        float(picture.sum(1) @ rows / picture.sum()),
+    )
+    lit = picture > 0
+    reach = max(
+        float((columns[lit.any(0)] - middle[0]).abs().max()),
+        float((rows[lit.any(1)] - middle[1]).abs().max()),
+    )
+    x, y = (u * (reach + 0.5) + m for u, m in zip(grid(radius, size), middle, strict=True))
+    within = (x >= 0) & (x < 96) & (y >= 0) & (y < 96)
+    light = picture[y.long().clamp(0, 95), x.long().clamp(0, 95)] * within
+    expected = counted(light, size)
+    for kernel in (
+        IMAGE.kernel(double(radius), size),
+        IMAGE.kernel(double(-radius), size).flip(0, 1),
+    ):
+        both = torch.stack([kernel.flatten(), expected.flatten()])
+        assert float(torch.corrcoef(both)[0, 1]) > 0.9999
+        at = torch.arange(size, dtype=torch.float64) - (size - 1) / 2
+        assert abs(float(kernel.sum(0) @ at)) < 0.02
+        assert abs(float(kernel.sum(1) @ at)) < 0.02
+
+
+@pytest.mark.parametrize("pupil", PUPILS)
+@pytest.mark.parametrize("radius", [0.3, 2.6, -7.9, 21.3])
+def test_every_pupil_keeps_the_energy_of_a_point(pupil: Aperture, radius: float) -> None:
+    for part in (FULL, LEFT, RIGHT):
+        kernel = pupil.kernel(double(radius), 45, part)
+        assert float(kernel.sum()) == pytest.approx(1.0, abs=1e-9)
+        assert float(kernel.min()) >= 0
+
+
+@pytest.mark.parametrize("pupil", PUPILS)
+def test_halves_of_every_pupil_make_the_whole(pupil: Aperture) -> None:
+    whole = pupil.kernel(double(9.7), 23)
+    halves = sum(pupil.share(p) * pupil.kernel(double(9.7), 23, p) for p in (LEFT, RIGHT))
+    # light that varies within the pixels of the cut is known in their middle alone
+    tolerance = 1e-12 if pupil.spherical == 0 else 0.03
+    assert (whole - halves).abs().max() < tolerance * whole.max()
+
+
+@pytest.mark.parametrize("pupil", PUPILS)
+def test_every_pupil_leaves_white_white_and_left_and_right_make_the_whole(pupil: Aperture) -> None:
+    generator = torch.Generator().manual_seed(1)
+    radius = torch.full((40, 44), 6.0)
+    radius[10:30, 12:30] = -4.0
+    views = render(torch.ones(1, 40, 44), radius, aperture=pupil, left_right=True)
+    assert all(float((image - 1).abs().max()) < 1e-5 for image in views.images)
+    views = render(
+        torch.rand(1, 40, 44, generator=generator), radius, aperture=pupil, left_right=True
+    )
+    assert (views.render - (views.left + views.right) / 2).abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("pupil", PUPILS)
+def test_a_highlight_keeps_its_energy(pupil: Aperture) -> None:
+    image = torch.zeros(1, 96, 96)
+    image[0, 48, 47] = 1000.0
+    shown = render(image, torch.full((96, 96), 17.0), aperture=pupil).render
+    assert float(shown.sum()) == pytest.approx(1000.0, rel=1e-4)
+    expected = pupil.kernel(double(17.0), 35).float() * 1000
+    torch.testing.assert_close(shown[0, 31:66, 30:65], expected, atol=1e-3, rtol=0)
+
+
+def test_gradients_flow_to_every_number_of_a_pupil() -> None:
+    def kernel(*numbers: Tensor) -> Tensor:
+        curvature, obstruction, spherical, squeeze, radius = numbers
+        pupil = Aperture(
+            6,
+            33.0,
+            curvature=curvature,
+            obstruction=obstruction,
+            spherical=spherical,
+            squeeze=squeeze,
+        )
+        return pupil.kernel(radius, 13)
+
+    values = [double(v, learns=True) for v in (0.5, 0.3, 0.4, 1.5, 5.3)]
+    assert torch.autograd.gradcheck(kernel, values)
+
+
+def test_gradients_flow_through_a_rendering_to_every_number_of_a_pupil() -> None:
+    generator = torch.Generator().manual_seed(1)
+    image = torch.rand(1, 16, 18, dtype=torch.float64, generator=generator)
+    radius = torch.linspace(-2, 3, 16, dtype=torch.float64)[:, None].repeat(1, 18)
+    radius[6:12, 8:15] = -2.1
+
+    def shown(*numbers: Tensor) -> Tensor:
+        names = ("curvature", "obstruction", "spherical", "squeeze")
+        pupil = Aperture(6, 33.0, **dict(zip(names, numbers, strict=True)))
+        views = render(image, radius, aperture=pupil, left_right=True, depth_repair="off")
+        return torch.stack(list(views.images))
+
+    values = [double(v, learns=True) for v in (0.5, 0.3, 0.4, 1.5)]
+    assert torch.autograd.gradcheck(shown, values, fast_mode=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"curvature": 0.5}, "curvature must be 0 without blades"),
+        ({"blades": 6, "curvature": 1.5}, "curvature must be from 0 to 1"),
+        ({"obstruction": 1.0}, "obstruction must be from 0 to 0.95"),
+        ({"spherical": -2.0}, "spherical must be from -1 to 1"),
+        ({"squeeze": 0.0}, "squeeze must be from 0.05 to 20"),
+        ({"image": heart()}, "image must be a PupilImage"),
+        ({"image": PupilImage(heart()), "blades": 6}, "blades must be 0 beside an image"),
+    ],
+)
+def test_a_pupil_that_makes_no_sense_is_refused(options: dict, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Aperture(**options)
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        (torch.zeros(4, 4), "black"),
+        (torch.ones(3, 4, 4), r"\[H, W\]"),
+        (torch.full((4, 4), -1.0), "0 or more"),
+        (torch.full((4, 4), math.nan), "finite"),
+    ],
+)
+def test_a_picture_that_is_no_pupil_is_refused(picture: Tensor, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        PupilImage(picture)

@@ -1,0 +1,111 @@
+"""Dual pixels of real sensors: less apart than half discs, and the mean of the pair stays."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import Aperture, DualPixel, PupilImage, render
+
+SMOOTH = DualPixel("smooth")
+CROSSED = DualPixel("split", 0.15)
+PUPILS = [
+    Aperture(),
+    Aperture(6, 10.0),
+    Aperture(obstruction=0.4),
+    Aperture(squeeze=2.0),
+    Aperture(image=PupilImage(torch.tensor([[1.0, 0.2], [0.5, 1.0]]))),
+]
+
+
+def scene() -> tuple[Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(3)
+    radius = torch.full((40, 48), 5.0)
+    radius[12:30, 14:32] = -3.0
+    return torch.rand(2, 40, 48, generator=generator), radius
+
+
+def centroid(image: Tensor) -> float:
+    at = torch.arange(image.shape[-1], dtype=image.dtype)
+    return float((image.sum((0, 1)) * at).sum() / image.sum())
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("dual_pixel", [SMOOTH, CROSSED, DualPixel("smooth", 0.1)])
+def test_the_mean_of_the_pair_stays_the_centre(dual_pixel: DualPixel, quality: str) -> None:
+    image, radius = scene()
+    views = render(image, radius, quality=quality, left_right=True, dual_pixel=dual_pixel)
+    alone = render(image, radius, quality=quality)
+    assert torch.equal(views.render, alone.render)
+    assert ((views.left + views.right) / 2 - views.render).abs().max() < 1e-6
+    white = render(torch.ones_like(image), radius, left_right=True, dual_pixel=dual_pixel)
+    assert all((view - 1).abs().max() < 1e-5 for view in white.images)
+
+
+@pytest.mark.parametrize("pupil", PUPILS)
+@pytest.mark.parametrize("dual_pixel", [DualPixel(), SMOOTH, CROSSED])
+@pytest.mark.parametrize("r", [14.0, -14.0])
+def test_left_and_right_are_as_far_apart_as_said(
+    pupil: Aperture, dual_pixel: DualPixel, r: float
+) -> None:
+    image = torch.zeros(1, 80, 80)
+    image[0, 40, 40] = 100.0
+    views = render(
+        image, torch.full((80, 80), r), aperture=pupil, left_right=True, dual_pixel=dual_pixel
+    )
+    apart = centroid(views.right) - centroid(views.left)
+    assert apart == pytest.approx(r * dual_pixel.disparity(pupil), abs=0.05)
+
+
+def test_halves_of_a_disc_are_half_a_radius_apart_if_smooth_and_less_by_crosstalk() -> None:
+    assert DualPixel().disparity(Aperture()) == pytest.approx(8 / (3 * math.pi), rel=1e-3)
+    assert SMOOTH.disparity(Aperture()) == pytest.approx(0.5, rel=1e-3)
+    split = DualPixel().disparity(Aperture())
+    assert CROSSED.disparity(Aperture()) == pytest.approx(0.7 * split, rel=1e-9)
+
+
+def test_nothing_of_a_smooth_half_is_dark_but_the_far_rim() -> None:
+    kernel = SMOOTH.kernels(Aperture(), torch.tensor(20.0, dtype=torch.float64), 41)
+    centre, left, right = kernel
+    torch.testing.assert_close((left + right) / 2, centre, atol=1e-12, rtol=0)
+    shares = (left / (2 * centre))[20]
+    at = (torch.arange(41, dtype=torch.float64) - 20) / 20
+    torch.testing.assert_close(shares[1:-1], ((1 - at) / 2)[1:-1], atol=1e-9, rtol=0)
+
+
+def test_crosstalk_changes_the_pair_by_its_share() -> None:
+    image, radius = scene()
+    plain = render(image, radius, left_right=True)
+    crossed = render(image, radius, left_right=True, dual_pixel=CROSSED)
+    expected = 0.85 * plain.left + 0.15 * plain.right
+    torch.testing.assert_close(crossed.left, expected, atol=1e-5, rtol=0)
+
+
+def test_a_gradient_flows_to_the_crosstalk() -> None:
+    image, radius = (x.double() for x in scene())
+
+    def left(crosstalk: Tensor) -> Tensor:
+        dual_pixel = DualPixel("split", crosstalk)
+        views = render(
+            image[:1, :20, :20],
+            radius[:20, :20],
+            left_right=True,
+            dual_pixel=dual_pixel,
+            depth_repair="off",
+        )
+        return views.left
+
+    share = torch.tensor(0.2, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(left, [share], fast_mode=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"model": "round"}, "model must be"), ({"crosstalk": 0.5}, "below 0.5")],
+)
+def test_a_dual_pixel_that_makes_no_sense_is_refused(options: dict, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        DualPixel(**options)
