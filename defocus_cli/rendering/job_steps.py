@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.deep import layers_of_scene
 from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Either
 from defocus_cli.elements.plate import check_over, read_plate
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
-from defocus_cli.rendering.deep_picture import deep_header, read_deep
 from defocus_cli.rendering.focusing import quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
@@ -27,7 +27,6 @@ from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
-    from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
 
 
@@ -50,9 +49,8 @@ def load_inputs(job: Job) -> Loaded:
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
     if not job.outputs.need_rendering:
         return Loaded(held, color, depth)
-    header = deep_header(picture, job.reading, parts_of(picture, job.reading)[0])
-    if header is not None:
-        return _with_layers(job, header, Loaded(held, color, depth))
+    if (loaded := _with_layers(job, Loaded(held, color, depth))).layers is not None:
+        return loaded
     if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
@@ -91,20 +89,24 @@ def _over(job: Job, held: Holding) -> Loaded:
         held.keeping,
         most,
     )
-    return Loaded(held, color, depth, plate=check_over(color, plate))
+    loaded = Loaded(held, color, depth, plate=check_over(color, plate))
+    return _with_layers(job, loaded) if job.outputs.need_rendering else loaded
 
 
-def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
-    """A deep picture with its samples.
-
-    Raises:
-        InputError: they cannot be used, or something else is to be behind them.
-    """
-    if job.picture.hidden is not None:
-        problem = "is deep, and knows itself what is hidden"
-        raise InputError(job.picture.color, problem, "leave --hidden out")
-    keeping, like = loaded.holding.keeping, (loaded.color, loaded.depth)
-    layers = read_deep(job.picture, header, job.reading, like, keeping, job.lens_focal)
+def _with_layers(job: Job, loaded: Loaded) -> Loaded:
+    """A picture with its samples if it is deep or has a holdout."""
+    picture, plate = job.picture, loaded.plate
+    layers = layers_of_scene(
+        picture,
+        job.reading,
+        parts_of(picture, job.reading)[0],
+        (loaded.color, loaded.depth),
+        None if plate is None else (plate.color, plate.depth),
+        loaded.holding.keeping,
+        job.lens_focal,
+    )
+    if layers is None:
+        return loaded
     note = f"{loaded.color.note}, {layers.words}"
     return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 

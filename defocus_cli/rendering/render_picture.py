@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.deep import layered
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
-from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.opening import aperture_in_pixels, dual_pixel_of
@@ -141,13 +141,15 @@ def stream_of(
         edge_width=job.reading.edge_width,
         decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
     )
-    if loaded.plate is not None:
-        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
-        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
     if loaded.layers is not None:
-        known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
+        keeping = loaded.holding.keeping
+        radii = [times(radius_map(lens, d, keeping)[0], longer) for d in loaded.layers.depths]
+        known = layered(loaded.layers, radii, device)
         if known.open or known.number > 1:
             return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
+    elif loaded.plate is not None:
+        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
+        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
     return Stream(
         image,
         Windows([times(radius, longer)], device, lone=True),
