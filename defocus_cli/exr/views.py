@@ -119,3 +119,19 @@ def _of_channel(name: str) -> str:
     """The view that the name of a channel tells, if it does."""
     words = name.split(".")
     return words[-2] if len(words) > 1 and words[-2].lower() in _STEREO else ""
+
+
+def require_view(color: Path, depth: Path, view: str | None) -> None:
+    """Refuse the name of a view for files of which none has views.
+
+    Raises:
+        InputError: neither the colour nor the depth file has any.
+    """
+    from defocus_cli.exr.header import is_exr, read_headers
+    from defocus_cli.system.safe_files import read_head
+
+    if view is None:
+        return
+    exrs = [path for path in (color, depth) if is_exr(read_head(path))]
+    if not any(views_of(read_headers(path)) for path in exrs):
+        raise InputError(color, f"has no views, and so no view {view}", "leave --view out")

@@ -250,12 +250,13 @@ def read(
     """
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.elements.alpha import element_depth
+    from defocus_cli.exr.views import require_view
     from defocus_cli.formats.color import read_color, require_finite
     from defocus_cli.rendering.resized_depth import of_size
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
-    require_view(picture, reading)
+    require_view(picture.color, picture.depth, reading.view)
     overscan = overscan_of(picture, reading, parts)
     overscan = overscan if most is None else overscan.within(most)
     color = read_color(
@@ -287,21 +288,3 @@ def read(
     require_valid(depth)
     require_finite(color)
     return color, depth
-
-
-def require_view(picture: Picture, reading: Reading) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: neither the colour nor the depth file has any.
-    """
-    from defocus_cli.exr.header import is_exr, read_headers
-    from defocus_cli.exr.views import views_of
-    from defocus_cli.system.safe_files import read_head
-
-    if reading.view is None:
-        return
-    exrs = [path for path in (picture.color, picture.depth) if is_exr(read_head(path))]
-    if not any(views_of(read_headers(path)) for path in exrs):
-        problem = f"has no views, and so no view {reading.view}"
-        raise InputError(picture.color, problem, "leave --view out")

@@ -13,7 +13,7 @@ from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
-    from defocus_cli.elements.deep import Layers
+    from defocus_cli.elements.layers import Layers
     from defocus_cli.formats.color import Color
     from defocus_core import DepthRepair
 

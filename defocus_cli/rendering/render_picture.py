@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.elements.deep import layered
+from defocus_cli.elements.layers import layered
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens

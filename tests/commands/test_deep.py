@@ -231,7 +231,7 @@ def test_a_holdout_cuts_a_flat_picture_too(tmp_path: Path) -> None:
         torch.from_numpy(color), radius_of(depth), torch.from_numpy(coverage), 512
     )[3]
     alpha = picture(tmp_path / "out/render/a.exr")[3]
-    assert psnr(alpha[6:-6, 6:-6], 1 - blurred[6:-6, 6:-6]) > 45
+    assert psnr(alpha[6:-6, 6:-6], 1 - blurred[6:-6, 6:-6]) > 43
 
 
 def test_a_holdout_that_is_not_deep_or_of_another_size_is_refused(tmp_path: Path) -> None:
