@@ -11,7 +11,8 @@ from layers import brute_force, flattened
 from measures import psnr
 
 from defocus_cli.exr.header import read_headers
-from defocus_cli.exr.reading import read_layers
+from defocus_cli.exr.reading import read_layers, read_parts
+from defocus_cli.system.errors import InputError
 from defocus_core import DefocusLens, render_layers
 
 ELEMENTS = Path(__file__).parents[3] / "shared" / "real" / "elements"
@@ -272,3 +273,22 @@ def test_a_deep_picture_over_a_plate_is_the_scene_of_both(tmp_path: Path) -> Non
     )
     assert (one - other).abs().max() < 1e-4
     assert (one[3] == 1).all()
+
+
+@pytest.mark.parametrize("tile", [0, 16])
+def test_damaged_deep_data_is_refused_or_read_but_never_crashes(tmp_path: Path, tile: int) -> None:
+    color, depth, coverage = layers(1.0, 5.0)
+    file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage), tile=tile)
+    sound, rng = file.read_bytes(), np.random.default_rng(tile)
+    refused = 0
+    for _ in range(40):
+        spoiled = bytearray(sound)
+        spoiled[rng.integers(8, len(spoiled))] ^= 1 << int(rng.integers(8))
+        file.write_bytes(spoiled)
+        try:
+            read_parts(file)
+            read_layers(file, read_headers(file)[0], ("R", "G", "B"))
+        except InputError as error:
+            assert str(file) in error.format_message()
+            refused += 1
+    assert refused > 5
