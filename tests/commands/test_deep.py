@@ -280,7 +280,7 @@ def test_damaged_deep_data_is_refused_or_read_but_never_crashes(tmp_path: Path, 
     color, depth, coverage = layers(1.0, 5.0)
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage), tile=tile)
     sound, rng = file.read_bytes(), np.random.default_rng(tile)
-    refused = 0
+    told = []
     for _ in range(40):
         spoiled = bytearray(sound)
         spoiled[rng.integers(8, len(spoiled))] ^= 1 << int(rng.integers(8))
@@ -289,6 +289,6 @@ def test_damaged_deep_data_is_refused_or_read_but_never_crashes(tmp_path: Path, 
             read_parts(file)
             read_layers(file, read_headers(file)[0], ("R", "G", "B"))
         except InputError as error:
-            assert str(file) in error.format_message()
-            refused += 1
-    assert refused > 5
+            told.append(error.format_message())
+    assert len(told) > 5
+    assert all(str(file) in line for line in told)
