@@ -21,7 +21,7 @@ QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
 DUAL_PIXEL_MODELS = ("split", "smooth")
 FRAME_ROLE = "frame"  # of other frames among the inputs
-OTHERS = ("hidden", "over")  # pictures that belong to another one
+OTHERS = ("hidden", "over", "holdout")  # pictures that belong to another one
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -35,6 +35,7 @@ class Picture:
         depth: its depth file; of a plate that has none its colour file.
         hidden: a picture of what lies behind the visible surface, where that is known.
         over: the plate that it lies over, if it is an element.
+        holdout: a deep picture that hides what is behind it and shows nothing.
         frame: its number in a shot.
     """
 
@@ -43,11 +44,12 @@ class Picture:
     depth: Path
     hidden: Picture | None = None
     over: Picture | None = None
+    holdout: Picture | None = None
     frame: int | None = None
 
     @property
     def others(self) -> dict[str, Picture]:
-        """The pictures of the same scene that belong to it, by role: hidden, over."""
+        """The pictures of the same scene that belong to it, by role: hidden, over, holdout."""
         found = {role: getattr(self, role) for role in OTHERS}
         return {role: picture for role, picture in found.items() if picture is not None}
 

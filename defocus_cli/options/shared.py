@@ -75,6 +75,24 @@ def over_options(command: Command) -> Command:
     return bundle("over", make, [plate, depth])(command)
 
 
+def holdout_option(command: Command) -> Command:
+    """Hand a command ``holdout``: a deep picture and None for its depth; or None."""
+
+    def make(holdout: Path | None) -> tuple[Path, None] | None:
+        return None if holdout is None else (holdout, None)
+
+    option = grouped_option(
+        "Files",
+        "--holdout",
+        metavar="DEEP",
+        type=FilePath(),
+        default=None,
+        help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
+        "are composited later: colour and alpha are cut out.",
+    )
+    return bundle("holdout", make, [option])(command)
+
+
 def output_options(command: Command) -> Command:
     """Hand a command ``outputs``: what to write, and where."""
     option = functools.partial(grouped_option, "Output")

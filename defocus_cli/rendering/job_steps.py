@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.deep import layers_of_scene
 from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Either
 from defocus_cli.elements.plate import read_over
 from defocus_cli.exr.views import require_view
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
-from defocus_cli.rendering.deep_picture import deep_header, read_deep
 from defocus_cli.rendering.focusing import quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
@@ -28,7 +28,6 @@ from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
-    from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
 
 
@@ -51,9 +50,8 @@ def load_inputs(job: Job) -> Loaded:
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
     if not job.outputs.need_rendering:
         return Loaded(held, color, depth)
-    header = deep_header(picture, job.reading, parts_of(picture, job.reading)[0])
-    if header is not None:
-        return _with_layers(job, header, Loaded(held, color, depth))
+    if (loaded := _with_layers(job, Loaded(held, color, depth))).layers is not None:
+        return loaded
     if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
@@ -76,28 +74,29 @@ def _over_plate(job: Job, held: Holding) -> Loaded:
     """
     if job.picture.hidden is not None:
         raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
-    if deep_header(job.picture, job.reading, parts_of(job.picture, job.reading)[0]) is not None:
-        remedy = "render it alone, or flatten it first"
-        raise InputError(job.picture.color, "is deep, and --over takes flat elements", remedy)
 
     def read_one(one: Picture, reading: Reading, most: Overscan) -> tuple[Color, Depth]:
         return read(one, reading, held.keeping, job.lens_focal, most)
 
     color, depth, plate = read_over(job.picture, job.reading, read_one, held.keeping)
-    return Loaded(held, color, depth, plate=plate)
+    loaded = Loaded(held, color, depth, plate=plate)
+    return _with_layers(job, loaded) if job.outputs.need_rendering else loaded
 
 
-def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
-    """A deep picture with its samples.
-
-    Raises:
-        InputError: they cannot be used, or something else is to be behind them.
-    """
-    if job.picture.hidden is not None:
-        problem = "is deep, and knows itself what is hidden"
-        raise InputError(job.picture.color, problem, "leave --hidden out")
-    keeping, like = loaded.holding.keeping, (loaded.color, loaded.depth)
-    layers = read_deep(job.picture, header, job.reading, like, keeping, job.lens_focal)
+def _with_layers(job: Job, loaded: Loaded) -> Loaded:
+    """A picture with its samples if it is deep or has a holdout."""
+    picture, plate = job.picture, loaded.plate
+    layers = layers_of_scene(
+        picture,
+        job.reading,
+        parts_of(picture, job.reading)[0],
+        (loaded.color, loaded.depth),
+        None if plate is None else (plate.color, plate.depth),
+        loaded.holding.keeping,
+        job.lens_focal,
+    )
+    if layers is None:
+        return loaded
     note = f"{loaded.color.note}, {layers.words}"
     return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 

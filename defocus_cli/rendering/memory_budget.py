@@ -147,9 +147,10 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
         kinds = [kind for part in parts for _, kind in part.channels]
         native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
         if any(part.deep for part in parts):
-            # the picture in focus in floats; and of each layer its channels, metres and radius
-            layers = _layers_of(path)
-            native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT)
+            # the picture in focus in floats; of each layer its channels, metres and radius; and
+            # samples as they are held, their channels in floats, place and rank
+            layers, held = _layers_of(path), _FLOAT * (len(kinds) + 2)
+            native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT + held)
         names = [name for part in parts for name, _ in part.channels]
         light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
         return info.pixels, native, native if info.at_once else 0.0, min(len(kinds), 4) + light

@@ -14,8 +14,8 @@ from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
+    from defocus_cli.elements.layers import Layers
     from defocus_cli.formats.color import Color
-    from defocus_cli.rendering.deep_picture import Layers
     from defocus_core import DepthRepair, Views
 
 

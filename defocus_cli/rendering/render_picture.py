@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.layers import layered
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
-from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.opening import aperture_in_pixels, dual_pixel_of
@@ -143,16 +143,18 @@ def stream_of(
         edge_width=job.reading.edge_width,
         decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
     )
-    if loaded.plate is not None:
-        radii = tuple(times(array, longer) for array in radius.arrays)
-        layers, repair = layers_of(loaded.color, loaded.plate, radii, settings, device)
+    if loaded.layers is not None:
+        keeping = loaded.holding.keeping
+        radii = [times(radius_map(lens, d, keeping)[0], longer) for d in loaded.layers.depths]
+        known = layered(loaded.layers, radii, device)
+        if known.open or known.number > 1:
+            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
+    elif loaded.plate is not None:
+        own, behind = (times(array, longer) for array in radius.arrays)
+        layers, repair = layers_of(loaded.color, loaded.plate, (own, behind), settings, device)
         stream = Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
         stream.repair = repair
         return stream
-    if loaded.layers is not None:
-        known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
-        if known.open or known.number > 1:
-            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     return Stream(
         image,
         Windows([times(radius, longer)], device, lone=True),

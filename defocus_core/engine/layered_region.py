@@ -58,6 +58,9 @@ class LayeredRegion(Region):
         """The visible samples in the rectangle `outer`; plans the hidden ones."""
         frame, slicing = self._frame, self._frame.slices.visible
         stack = self._layered.stack(outer, frame.dtype)
+        inmost = self._grid.box.seen_from(outer)
+        weights = stack.color[1:, -1] * stack.through[1:-1]
+        self._shown = inmost.of(stack.signed_radius[1:]), inmost.of(weights)
         hidden, self._is_known = stack.hidden(), stack.knows_behind()
         if hidden is not None:
             within = self._within(hidden, stack.signed_radius[0])
@@ -70,6 +73,18 @@ class LayeredRegion(Region):
         )
         self._others = samples.others
         return samples.own, radius, highlights
+
+    def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
+        """As of a picture, but the mean over what shows of the samples of each pixel."""
+        total = super()._shares_in_frame(signed_radius)
+        if total is None:
+            return None
+        radii, weights = self._shown
+        total = [share * (1 - weights.sum(0)) for share in total]
+        for radius, weight in zip(radii, weights, strict=True):
+            shares = super()._shares_in_frame(radius) or []
+            total = [so_far + share * weight for so_far, share in zip(total, shares, strict=True)]
+        return total
 
     def _drawn(
         self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box

@@ -6,54 +6,95 @@ better. Colour and depth of such a file are those of its picture in focus and of
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.system.arrays import Keeping, Windows, bands, count_of, times
+from defocus_cli.elements.layers import Layers, flat_layer
+from defocus_cli.exr.deep_samples import ALPHA, DEPTH
+from defocus_cli.system.arrays import Keeping, bands, count_of
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
-    import torch
+    from pathlib import Path
 
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
-    from defocus_cli.jobs.job import Lens, Picture, Reading
-    from defocus_core import Layered, Views
+    from defocus_cli.jobs.job import Picture, Reading
 
 
-@dataclass(frozen=True)
-class Layers:
-    """The layers of a deep picture, nearest first.
+def layers_of_scene(
+    picture: Picture,
+    reading: Reading,
+    part: int | None,
+    like: tuple[Color, Depth],
+    plate: tuple[Color, Depth] | None,
+    keeping: Keeping,
+    lens_focal: float | None,
+) -> Layers | None:
+    """The layers of a deep picture, with its plate and its holdout; None if nothing is deep.
 
-    Attributes:
-        light: of each layer its arrays [H, W] of light, premultiplied: colours, then passes.
-        alpha: of each layer [H, W].
-        depths: of each layer.
-        colors: number of colours in `light`.
-        merged: number of pixels that had more samples than there are layers.
+    Args:
+        picture: where it is.
+        reading: how it is read.
+        part: the part of the colour that is asked for.
+        like: its colour and depth in focus.
+        plate: colour and depth of the plate behind it, of the same channels.
+        keeping: where the layers are kept.
+        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
+
+    Raises:
+        InputError: a file cannot be used, or something else is to be behind a deep picture.
     """
+    import numpy as np
 
-    light: tuple[tuple[Any, ...], ...]
-    alpha: tuple[Any, ...]
-    depths: tuple[Depth, ...]
-    colors: int
-    merged: int
+    header = deep_header(picture, reading, part)
+    if header is None and picture.holdout is None:
+        return None
+    if picture.hidden is not None:
+        problem = "is given --hidden, but what its samples or its holdout hide is known"
+        raise InputError(picture.color, problem, "leave --hidden out")
+    layers = flat_layer(*like)
+    if header is not None:
+        layers = read_deep(picture, header, reading, like, keeping, lens_focal)
+    if plate is not None:
+        layers = layers.before(flat_layer(*plate))
+    if picture.holdout is None:
+        return layers
+    black = keeping.new(like[1].metres.shape, np.float16)
+    return layers.held_out_by(_holdout(picture.holdout, reading, like, keeping, lens_focal), black)
 
-    @property
-    def words(self) -> str:
-        """How many layers there are, and what was merged, for people."""
-        merged = f", more in {counted(self.merged, 'pixel')} merged" if self.merged else ""
-        return f"deep, {counted(len(self.alpha), 'sample')} a pixel at most{merged}"
 
-    def in_order(self, part: Views) -> Views:
-        """A rendered part with alpha behind the colours, before the passes."""
-        count = len(self.light[0])
-        order = [*range(self.colors), count, *range(self.colors, count)]
-        if order == [*range(count + 1)]:
-            return part
-        return part._replace(images=[image[order] for image in part.images])
+def _holdout(
+    holdout: Picture,
+    reading: Reading,
+    like: tuple[Color, Depth],
+    keeping: Keeping,
+    lens_focal: float | None,
+) -> Layers:
+    """The samples of a deep holdout, without light.
+
+    Raises:
+        InputError: the file is not deep, or of another size than the picture.
+    """
+    from defocus_cli.exr.header import is_exr, read_headers
+    from defocus_cli.system.safe_files import read_head
+
+    color, depth = like
+    path = holdout.color
+    headers = read_headers(path) if is_exr(read_head(path)) else ()
+    deep = [header for header in headers if header.deep]
+    if len(deep) != 1:
+        problem = f"holds {len(deep)} deep parts" if deep else "holds no deep data"
+        raise InputError(path, problem, "give --holdout a deep EXR of one part")
+    display = deep[0].display
+    if (display.width, display.height) != color.size:
+        width, height = color.size
+        problem = f"is {display.width}x{display.height} px but the picture is {width}x{height} px"
+        raise InputError(path, problem, "give a holdout of its size")
+    like = (color, replace(depth, path=path, channel=DEPTH))
+    return _sampled(path, deep[0], (), reading, like, keeping, lens_focal)
 
 
 def deep_header(picture: Picture, reading: Reading, part: int | None) -> Header | None:
@@ -102,16 +143,29 @@ def read_deep(
     Raises:
         InputError: the file cannot be read, or a sample has no depth.
     """
-    from defocus_cli.exr.deep_samples import ALPHA, DEPTH
-    from defocus_cli.exr.reading import read_layers
-
     color, depth = like
     if picture.depth != picture.color or depth.channel != DEPTH:
         problem = "is deep: its samples have a depth of their own, channel Z"
         raise InputError(picture.color, problem, "leave the depth file and --depth-channel out")
     names = {channel.plain: channel.name for channel in header.channels}
     sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
-    read = read_layers(picture.color, header, sources, keeping, color.overscan)
+    return _sampled(picture.color, header, sources, reading, like, keeping, lens_focal)
+
+
+def _sampled(
+    path: Path,
+    header: Header,
+    sources: tuple[str, ...],
+    reading: Reading,
+    like: tuple[Color, Depth],
+    keeping: Keeping,
+    lens_focal: float | None,
+) -> Layers:
+    """The samples of a deep part as layers, with the channels of light that are wanted."""
+    from defocus_cli.exr.reading import read_layers
+
+    color, depth = like
+    read = read_layers(path, header, sources, keeping, color.overscan)
     reading = replace(reading, part=None)
     metres = [
         _metres(layer[DEPTH], reading, color, depth, keeping, lens_focal) for layer in read.layers
@@ -164,42 +218,3 @@ def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
         problem = f"is NaN or ≤ 0 in {counted(count, 'sample')}, the first in pixel {first}"
         raise InputError(like.path, problem, "write inf for sky, and leave other samples out")
     return depth
-
-
-def layered(layers: Layers, lens: Lens, keeping: Keeping, device: str, longer: float) -> Layered:
-    """The layers as the renderer takes them.
-
-    Args:
-        layers: of a deep picture.
-        lens: the lens, with its focus distance.
-        keeping: where the radii are kept.
-        device: cpu or cuda.
-        longer: the longer half axis of the blur in px, in radii of the CoC.
-
-    Raises:
-        InputError: a sample is so near that no frame would hold its blur.
-    """
-    from defocus_cli.rendering.focusing import radius_map
-    from defocus_core import Layered
-
-    radii = [times(radius_map(lens, depth, keeping)[0], longer) for depth in layers.depths]
-    return Layered.of(
-        _Light(layers.light, device),
-        Windows(radii, device),
-        Windows(layers.alpha, device),
-    )
-
-
-class _Light:
-    """Arrays [H, W] of L layers as a source of `defocus_core`, [L, C, H, W]."""
-
-    def __init__(self, light: tuple[tuple[Any, ...], ...], device: str) -> None:
-        self._windows = Windows([plane for planes in light for plane in planes], device)
-        self._layers = len(light), len(light[0])
-        self.shape = (*self._layers, *self._windows.shape[1:])
-        self.device, self.dtype = self._windows.device, self._windows.dtype
-
-    def __getitem__(self, window: Any) -> torch.Tensor:
-        """The window [..., rows, columns], on the device."""
-        cut = self._windows[window]
-        return cut.reshape(*self._layers, *cut.shape[1:])
