@@ -31,6 +31,7 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.optics.sensor_noise import with_noise
@@ -48,6 +49,7 @@ __all__ = [
     "SCENE_KINDS",
     "Aperture",
     "Behind",
+    "CatEye",
     "Check",
     "Cost",
     "DefocusLens",

@@ -17,6 +17,7 @@ from defocus_core.images.views import Views, batch
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.runtime.torch_modes import own_modes
 from defocus_core.runtime.validation import check_image, dense, described, numbers
@@ -37,6 +38,7 @@ def render(
     infinity: float | None = None,
     depth_repair: str = "auto",
     dual_pixel: DualPixel | None = None,
+    cat_eye: CatEye | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -74,6 +76,8 @@ def render(
             "off" leaves it as it is.
         dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
             aperture.
+        cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
+            as they see it, other pixels as a mean of what the corners of their region see.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -95,6 +99,7 @@ def render(
         infinity=infinity,
         depth_repair=depth_repair,
         dual_pixel=DualPixel() if dual_pixel is None else dual_pixel,
+        cat_eye=cat_eye,
     )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)

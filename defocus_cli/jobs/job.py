@@ -83,6 +83,8 @@ class Lens:
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
     sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
+    cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
+    vignetting: bool = False
     blade_curvature: float = 0.0
     obstruction: float = 0.0
     spherical: float = 0.0
@@ -106,6 +108,8 @@ class Lens:
             effects["aperture_image"] = self.aperture_image.name
         if self.sharp_range is not None:
             effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.cat_eye is not None:
+            effects["cat_eye"] = "{:g}:{:g}".format(*self.cat_eye)
         if self.highlights is not None:
             effects["highlights"] = "{:g}:{:g}".format(*self.highlights)
         if self.noise is not None:
@@ -126,6 +130,7 @@ EFFECTS = {
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
         *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed", "highlights"),
+        *("cat_eye", "vignetting"),
     )
 }
 

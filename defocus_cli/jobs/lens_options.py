@@ -36,6 +36,8 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "focus": (quantities.focus, "focus"),
     "focus-at": (quantities.pixel, "at"),
     "sharp-range": (quantities.distances, "sharp"),
+    "cat-eye": (quantities.rim, "rim"),
+    "vignetting": (quantities.switch, "vignetting"),
     "blades": (quantities.blades, "blades"),
     "blade-rotation": (quantities.angle, "turn"),
     "blade-curvature": (quantities.within(0, 1, "a curvature", "like 0.5"), "curve"),
@@ -63,7 +65,7 @@ _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an
 # What decides the radii: nothing where a file holds them. The others are the shape of the opening.
 _OPTICS = (
     *("focal-length", "fnumber", "aperture-diameter", "sensor-width"),
-    *("focus", "focus-at", "sharp-range"),
+    *("focus", "focus-at", "sharp-range", "cat-eye", "vignetting"),
 )
 SHAPES = tuple(name for name in _ROWS if name not in _OPTICS)
 
@@ -93,6 +95,8 @@ def tag(name: str, value: Any) -> str:
     """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
     if isinstance(value, Path):
         text = value.stem
+    elif isinstance(value, bool):
+        text = "on" if value else "off"
     elif value is None:
         text = "off"
     elif isinstance(value, str):
@@ -140,6 +144,9 @@ def make_lens(flags: Mapping[str, Any], file: Path | None, *, radii: bool = Fals
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
         refuse_missing(values, _DASHES)
+    if options.get("vignetting") and "cat-eye" not in values:
+        problem, remedy = "darkens nothing without a rim", "add --cat-eye 1.05:1.5, or leave it out"
+        raise UsageProblem("--vignetting", problem, remedy)
     if options.get("noise-seed") and "noise" not in values:
         problem, remedy = "changes nothing without noise", "add --noise 4000:3, or leave it out"
         raise UsageProblem("--noise-seed", problem, remedy)
@@ -172,6 +179,8 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
         focus_at=values.get("focus-at"),
         sensor_width=values.get("sensor-width", Lens.sensor_width),
         sharp_range=values.get("sharp-range"),
+        cat_eye=values.get("cat-eye"),
+        vignetting=values.get("vignetting", Lens.vignetting),
         focus_percentile=percentile,
         focus_source=source,
         **{field_of(name): values[name] for name in SHAPES if name in values},

@@ -178,6 +178,20 @@ def highlights(text: str) -> tuple[float, float] | None:
     )
 
 
+def rim(text: str) -> tuple[float, float]:
+    """Radius of a rim, and its distance, in radii of the opening, from ``1.05:1.5``."""
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is not the rim of a barrel", "write it like 1.05:1.5")
+    size = within(0.1, 10, "the radius of a rim", "like 1.05:1.5")(words[0])
+    return size, within(0, 100, "the distance of a rim", "like 1.05:1.5")(words[1])
+
+
+def switch(text: str) -> bool:
+    """Whether something is ``on``, or ``off``."""
+    return one_of(("on", "off"), "on or off")(text) == "on"
+
+
 def noise(text: str) -> tuple[float, float]:
     """Electrons of a light of 1, and electrons of read noise, from ``4000:3`` or ``4000e:3e``."""
     words = [word.strip().removesuffix("e") for word in text.split(":")]

@@ -37,6 +37,15 @@ _LENS_HELP = {
         "A..B",
         "Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged elsewhere.",
     ),
+    "cat-eye": (
+        "SIZE:DISTANCE",
+        "Rim of the barrel that clips the opening off the middle of the picture, like 1.05:1.5: "
+        "its radius and its distance before the opening, in radii of the opening.",
+    ),
+    "vignetting": (
+        "on|off",
+        "Whether corners are darker by the light that the rim takes away.  [default: off]",
+    ),
     "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
     "blade-rotation": (
         "DEG",

@@ -14,7 +14,7 @@ from defocus_cli.system.errors import InputError, UsageProblem, reason
 from defocus_cli.system.safe_files import read_head
 
 if TYPE_CHECKING:
-    from defocus_core import Aperture, DualPixel, PupilImage
+    from defocus_core import Aperture, CatEye, DualPixel, PupilImage
 
 # Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
 # of JPEG makes less.
@@ -42,6 +42,28 @@ def aperture_of(lens: Lens) -> Aperture:
         image=picture,
         squeeze=lens.squeeze,
     )
+
+
+def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
+    """The barrel that clips the opening in pictures of (width, height) px, if one does.
+
+    Raises:
+        UsageProblem: the rim would hide the middle of the opening in the corners.
+    """
+    from defocus_core import CatEye
+
+    if lens.cat_eye is None:
+        return None
+    rim, distance = lens.cat_eye
+    width, height = size
+    tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
+    try:
+        return CatEye(rim, distance * tangent, lens.vignetting)
+    except ValueError as error:
+        most = 0.9 * rim / tangent
+        problem = f"hides the middle of the opening in the corners: {reason(error)}"
+        remedy = f"give a distance of {most:.2g} at most with this lens"
+        raise UsageProblem("--cat-eye", problem, remedy) from None
 
 
 def dual_pixel_of(lens: Lens) -> DualPixel:

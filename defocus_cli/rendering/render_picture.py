@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.opening import aperture_of, dual_pixel_of
+from defocus_cli.rendering.opening import aperture_of, cat_eye_of, dual_pixel_of
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands
@@ -116,6 +116,7 @@ def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
         Settings(
             aperture=aperture_of(lens),
             dual_pixel=dual_pixel_of(lens),
+            cat_eye=cat_eye_of(lens, outcome.size),
             quality=outcome.quality,
             left_right=any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,

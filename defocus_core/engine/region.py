@@ -9,12 +9,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core.blur.field_blend import blended
 from defocus_core.blur.layer_blur import Blur, Sliced
 from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.bokeh_discs import draw
 from defocus_core.compositing.frame_border import share_in_frame
 from defocus_core.compositing.highlights import split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
+from defocus_core.engine.field import corner_rims, frame_at, rims_of
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
@@ -63,6 +65,7 @@ class Region:
             behind: The known layer behind the visible surface of the frame.
             backdrop: The frame at low resolution; None if nothing in it is hidden.
         """
+        frame = frame_at(frame, grid.box)
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
         core, content, slices = grid.box, frame.content, frame.slices
         outer = core.grown(frame.margin, frame.box)
@@ -74,6 +77,7 @@ class Region:
             grid.seen_from(inner),
             frame.division.groups,
             axes(frame.size, inner.top, inner.left),
+            by_corners=frame.settings.cat_eye is not None,
         )
         pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
         if content.edges:  # pixels beside them are looked up by their numbers
@@ -92,7 +96,14 @@ class Region:
         if highlights and places is not None:
             aperture, parts, *_ = frame.division
             self._highlights = draw(
-                highlights, signed_radius, places, slices.radii, aperture, parts, inmost
+                highlights,
+                signed_radius,
+                places,
+                slices.radii,
+                aperture,
+                parts,
+                inmost,
+                barrel=rims_of(frame, highlights.at, outer),
             )
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
@@ -101,10 +112,12 @@ class Region:
         if self._is_inside(core):
             return None
         aperture, parts, _, groups = frame.division
-        return [
-            share_in_frame(signed_radius, core, frame.size, aperture, parts[group])
+        rims = corner_rims(frame, core)
+        shares = [
+            share_in_frame(signed_radius, core, frame.size, aperture, parts[group], rims)
             for group in groups
         ]
+        return [blended(share, core, core) for share in shares] if rims else shares
 
     def _in_front(self, own: Unmixed, signed_radius: Tensor, places: Tensor | None) -> Sliced:
         """The visible surfaces, from pixels, their radii, and their positions if known."""

@@ -9,6 +9,7 @@ from defocus_core.depth.repair import DEPTH_REPAIRS
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.runtime.validation import described, flag, number, one_of, whole
 
@@ -34,6 +35,7 @@ class Settings:
     infinity: float | None = None
     depth_repair: str = "auto"
     dual_pixel: DualPixel = field(default_factory=DualPixel)
+    cat_eye: CatEye | None = None
 
     def __post_init__(self) -> None:
         """Check each option; whole numbers of other types become int."""
@@ -43,6 +45,9 @@ class Settings:
         if not isinstance(self.dual_pixel, DualPixel):
             problem = f"dual_pixel must be a DualPixel, got {described(self.dual_pixel)}"
             raise ValueError(f"{problem}; DualPixel() has ideal halves")
+        if not isinstance(self.cat_eye, CatEye | None):
+            problem = f"cat_eye must be a CatEye, got {described(self.cat_eye)}"
+            raise ValueError(f"{problem}; None clips nothing")
         find(self.quality)
         flag("left_right", self.left_right)
         one_of("depth_repair", self.depth_repair, DEPTH_REPAIRS)

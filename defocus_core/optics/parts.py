@@ -97,7 +97,12 @@ def gaussian(u: Tensor) -> Tensor:
 
     Corners are clamped to the unit square, which keeps it positive for any radius.
     """
-    inside = u.clamp(-1, 1)
-    middle = (inside[..., 1:] + inside[..., :-1]) / 2
+    middle = middles(u)
     fall = torch.exp(-(middle**2) / 2)
     return fall[..., :, None] * fall[..., None, :]
+
+
+def middles(u: Tensor) -> Tensor:
+    """Lens points in the middle of what of each pixel [..., n - 1] lies between -1 and 1."""
+    inside = u.clamp(-1, 1)
+    return (inside[..., 1:] + inside[..., :-1]) / 2

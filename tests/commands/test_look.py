@@ -262,3 +262,32 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
     assert np.unique(shown["G"][-40:, 96:], axis=0).shape[0] == 1
     records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
     assert json.loads(records[-1])["seconds"]["render"] == 0
+
+
+def test_a_rim_makes_cats_eyes_off_the_middle_and_dark_corners(tmp_path: Path) -> None:
+    pixels = np.full((48, 72, 3), 0.01, np.float32)
+    pixels[10, 60] = 500.0
+    color = color_exr(tmp_path / "a.exr", pixels)
+    depth = depth_exr(tmp_path / "d.exr", np.full((48, 72), 50.0, np.float32))
+    lens = ("--focal-length", "20mm", "--fnumber", "1", "--focus", "2m", "--sensor-width", "2mm")
+
+    def shown(out: str, *options: str) -> np.ndarray:
+        ran = run("render", color, depth, "-o", tmp_path / out, *lens, *options)
+        assert ran.code == 0, ran.err
+        return read_exr(tmp_path / out / "render/a.exr")["G"].astype(np.float32)
+
+    plain = shown("plain")
+    eye = shown("eye", "--cat-eye", "1:10")
+    dark = shown("dark", "--cat-eye", "1:10", "--vignetting", "on")
+    assert (eye > 0.1).sum() < 0.9 * (plain > 0.1).sum()
+    assert dark[0, 0] < 0.75 * eye[0, 0]
+    assert header(tmp_path / "eye/render/a.exr")["defocus:cat_eye"] == "1:10"
+    for options, words in (
+        (("--cat-eye", "1:90"), "at most"),
+        (("--cat-eye", "1"), "like 1.05:1.5"),
+        (("--vignetting", "on"), "add --cat-eye"),
+    ):
+        out = ("-o", tmp_path / "wrong")
+        ran = run("render", color, depth, *out, *lens, *options)
+        assert ran.code != 0
+        assert words in ran.err
