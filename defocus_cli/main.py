@@ -29,7 +29,7 @@ from defocus_cli.system.errors import (
 from defocus_cli.system.interrupts import Terminated, put_off, terminations
 
 COMMANDS = (
-    *("render", "batch", "status", "retry", "merge"),
+    *("render", "batch", "status", "report", "retry", "merge"),
     *("info", "depth", "aperture", "lenses", "compare", "golden", "bench", "verify", "help"),
 )
 

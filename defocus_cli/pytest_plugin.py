@@ -2,20 +2,29 @@
 
 ``golden.check(image, "name", psnr=45)`` compares an array, a tensor or a file with
 ``goldens/TEST_FILE/name.exr`` beside the test. ``pytest --golden-update`` accepts what there is.
+``pytest --junitxml NAME.xml`` writes ``NAME.goldens.html`` too, a report to look at in a browser.
 """
 
 from __future__ import annotations
 
+import os
+import shutil
+import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
+    from defocus_cli.compare.record import Comparison
     from defocus_cli.compare.thresholds import Rules
 
 _FOLDER = "goldens"
+_KEPT = pytest.StashKey[Path]()  # the folder that checks are kept in for the report
+_SAID = pytest.StashKey[str]()  # where the report is
+_WORD = "defocus_goldens"
 # Another processor, or another version of torch, rounds otherwise.
 _DEFAULT = {"max": 1e-4}
 _CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
@@ -28,16 +37,70 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--golden-update", action="store_true", help=text)
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the folder that checks are kept in, where a report is wanted."""
+    if _report_of(config) is not None:
+        config.stash[_KEPT] = Path(tempfile.mkdtemp(prefix="defocus-goldens-"))
+    elif folder := getattr(config, "workerinput", {}).get(_WORD):
+        config.stash[_KEPT] = Path(folder)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Name the folder to a process of pytest-xdist."""
+    if _KEPT in node.config.stash:
+        node.workerinput[_WORD] = str(node.config.stash[_KEPT])
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the report of all checks."""
+    from defocus_cli.system.errors import InputError
+
+    config, report = session.config, _report_of(session.config)
+    if report is None or _KEPT not in config.stash:
+        return
+    try:
+        if any(config.stash[_KEPT].iterdir()):
+            from defocus_cli.html import golden_checks
+
+            golden_checks.write(config.stash[_KEPT], report)
+            config.stash[_SAID] = f"report of goldens: {report}"
+    except (InputError, OSError) as error:
+        config.stash[_SAID] = f"no report of goldens: {error}"
+    finally:
+        shutil.rmtree(config.stash[_KEPT], ignore_errors=True)
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Say where the report is."""
+    if _SAID in config.stash:
+        terminalreporter.write_line(config.stash[_SAID])
+
+
+def _report_of(config: pytest.Config) -> Path | None:
+    """The report, beside the JUnit file; None if none is written, or another process writes it."""
+    junit = getattr(config.option, "xmlpath", None)
+    if not junit or hasattr(config, "workerinput"):
+        return None
+    return Path(junit).with_suffix(".goldens.html")
+
+
 class Golden:
     """The goldens of a test file.
 
     Attributes:
         folder: where they are.
         update: whether pictures are accepted.
+        test: the name that pytest has for the test.
+        kept: the folder that checks are kept in for a report; None if there is to be none.
     """
 
-    def __init__(self, folder: Path, *, update: bool) -> None:
-        self.folder, self.update = folder, update
+    def __init__(
+        self, folder: Path, *, update: bool, test: str = "", kept: Path | None = None
+    ) -> None:
+        self.folder, self.update, self.test, self.kept = folder, update, test, kept
 
     def check(self, image: Any, name: str, **bounds: float) -> None:
         """Compare an image with its golden, and fail the test if it is not like it.
@@ -53,6 +116,9 @@ class Golden:
         Raises:
             ValueError: the image has another shape, or a metric is not known.
         """
+        from defocus_cli.compare.record import EXTRA, Comparison
+        from defocus_cli.reports.compare_report import line
+
         __tracebackhide__ = True
         rules = _rules(bounds or _DEFAULT)
         source = Path(image) if isinstance(image, str | Path) else None
@@ -60,11 +126,23 @@ class Golden:
         if self.update:
             _accept(golden, image if source is None else source)
             return
+        picture = _planes(image) if source is None else source
         if not golden.exists():
+            self._keep(Comparison(name, None, None, EXTRA), golden, picture)
             pytest.fail(f"{golden}: there is no such golden; make it with pytest --golden-update")
-        message = _difference(golden, image if source is None else source, name, rules)
-        if message:
-            pytest.fail(f"{message}\n--golden-update makes it the golden {golden}", pytrace=False)
+        record = _compared(golden, picture, name, rules)
+        self._keep(record, golden, picture)
+        if not record.passes:
+            told = f"{line(record)}\n--golden-update makes it the golden {golden}"
+            pytest.fail(told, pytrace=False)
+
+    def _keep(self, record: Comparison, golden: Path, picture: Any) -> None:
+        """Keep a check for the report, by the path of its golden."""
+        from defocus_cli.html import golden_checks
+
+        if self.kept is not None:
+            name = os.path.relpath(golden)
+            golden_checks.keep(self.kept, replace(record, name=name), self.test, picture)
 
 
 @pytest.fixture
@@ -72,7 +150,9 @@ def golden(request: pytest.FixtureRequest) -> Golden:
     """The goldens of the test file."""
     file = Path(request.path)
     update = bool(request.config.getoption("--golden-update"))
-    return Golden(file.parent / _FOLDER / file.stem, update=update)
+    kept = request.config.stash.get(_KEPT, None)
+    folder = file.parent / _FOLDER / file.stem
+    return Golden(folder, update=update, test=request.node.nodeid, kept=kept)
 
 
 def _rules(bounds: Mapping[str, float]) -> Rules:
@@ -89,27 +169,24 @@ def _rules(bounds: Mapping[str, float]) -> Rules:
     return Rules(fail=tuple(rules))
 
 
-def _difference(golden: Path, image: Any, name: str, rules: Rules) -> str:
-    """The line of a picture that is not like its golden; empty if it is."""
+def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
+    """The record of a file, or of channels, and its golden."""
     from defocus_cli.compare.comparison import compare_pictures
     from defocus_cli.compare.record import Settings
     from defocus_cli.diagnosis.picture import Picture, read_picture
-    from defocus_cli.reports.compare_report import line
 
     if isinstance(image, Path):
         picture = read_picture(image)
     else:
-        planes = _planes(image)
-        height, width = next(iter(planes.values())).shape
-        types = {channel: plane.dtype.name for channel, plane in planes.items()}
-        picture = Picture(Path(name), width, height, planes, types)
+        height, width = next(iter(image.values())).shape
+        types = {channel: plane.dtype.name for channel, plane in image.items()}
+        picture = Picture(Path(name), width, height, image, types)
     flip = any(rule.metric.startswith("flip") for rule in rules.fail)
-    record, _ = compare_pictures(name, read_picture(golden), picture, rules, Settings(flip=flip))
-    return "" if record.passes else line(record)
+    return compare_pictures(name, read_picture(golden), picture, rules, Settings(flip=flip))[0]
 
 
 def _accept(golden: Path, image: Any) -> None:
-    from defocus_cli.formats.exr import write_exr
+    from defocus_cli.exr.writing import write_exr
     from defocus_cli.system.safe_files import written_whole
 
     if isinstance(image, Path):

@@ -11,7 +11,9 @@ from defocus_core.depth.conversion import (
     planar_depth,
 )
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.repair import DEPTH_REPAIRS, diagnose_depth
+from defocus_core.depth.guided_resize import GuidedDepth
+from defocus_core.depth.repair import diagnose_depth, repair_depth
+from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.engine.settings import Settings
 from defocus_core.evaluation import baselines, metrics
@@ -29,6 +31,7 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, quantisation
 from defocus_core.layers.quality import QUALITIES
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
@@ -36,7 +39,11 @@ from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
-from defocus_core.render import render
+from defocus_core.render import render, render_layers
+from defocus_core.sequences.motion import Frame, chained
+from defocus_core.sequences.seen_behind import seen_behind
+from defocus_core.sequences.shot_repair import agreed_repair, repair_through
+from defocus_core.sequences.temporal_mean import temporal_mean
 from defocus_core.stream import Stream
 
 __all__ = [
@@ -57,7 +64,10 @@ __all__ = [
     "Distribution",
     "DualPixel",
     "Errors",
+    "Frame",
+    "GuidedDepth",
     "HiddenLayer",
+    "Layered",
     "Lenses",
     "Pixels",
     "PupilImage",
@@ -68,8 +78,10 @@ __all__ = [
     "Stream",
     "UnreachableTolerance",
     "Views",
+    "agreed_repair",
     "baselines",
     "cells_bytes",
+    "chained",
     "cheapest_within",
     "cost",
     "depth_from_disparity",
@@ -82,7 +94,13 @@ __all__ = [
     "planar_depth",
     "quantisation",
     "render",
+    "render_layers",
+    "repair_depth",
+    "repair_options",
+    "repair_through",
     "scenery",
+    "seen_behind",
+    "temporal_mean",
     "verify",
     "with_lights",
     "with_noise",

@@ -147,6 +147,13 @@ class RandomDefocus(torch.nn.Module):
                 picture suits it: the focus is too near, or the blur exceeds `max_radius`.
         """
         self._check()
+        with own_modes(image.device):
+            return self._defocused(image, depth, seeds)
+
+    def _defocused(
+        self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
+    ) -> tuple[Views, Lenses]:
+        """`forward` with options that are checked."""
         maps = depth_maps(image, depth, torch.float32, image.device)
         if not bool((maps > 0).all()):
             raise bad_depth("depth", maps, maps > 0, "positive")
@@ -183,8 +190,7 @@ class RandomDefocus(torch.nn.Module):
         for attempt in range(ATTEMPTS):
             options = drawn(choices, seed, attempt)
             if getattr(self.foc_dist, "kind", "") == "percentile":
-                with own_modes(depth.device):
-                    foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
+                foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
                 options["foc_dist"] = math.inf if foc_dist is None else foc_dist
             if not options["foc_dist"] > options["foclen"]:
                 problem = (

@@ -16,6 +16,7 @@ from defocus_core.engine.settings import Settings
 from defocus_core.images.views import Views, batch
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
@@ -37,6 +38,7 @@ def render(
     tile: int | None = None,
     infinity: float | None = None,
     depth_repair: str = "auto",
+    edge_width: float | None = None,
     dual_pixel: DualPixel | None = None,
     cat_eye: CatEye | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -65,15 +67,18 @@ def render(
         hidden: The surface behind the visible one where it is known, shaped as the image and the
             radius; elsewhere it is continued from farther surfaces.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
-        threads: Tiles computed at once. With more than one, torch itself should use one thread
-            (torch.set_num_threads(1)).
+        threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, or in cells of two px in a draft, 16 at least; another side
             changes results in the last digits.
         infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
             distinguishes averages of distance from averages of disparity. None takes all for
             averages of disparity.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
-            "off" leaves it as it is.
+            "off" leaves it as it is. "soft-edges=0.3" says that edges are soft: ramps of 0.3 px of
+            radius per px and more, up to 16 px wide, become steps where the colours change, and
+            all else is found as by "auto"; from 0 on, each ramp is an edge.
+        edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
+            that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
         dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
             aperture.
         cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
@@ -98,6 +103,7 @@ def render(
         tile=tile,
         infinity=infinity,
         depth_repair=depth_repair,
+        edge_width=edge_width,
         dual_pixel=DualPixel() if dual_pixel is None else dual_pixel,
         cat_eye=cat_eye,
     )
@@ -110,6 +116,102 @@ def render(
             parts = picture.parts(progress=progress)
             views.append(assembled(picture.frame, pixels, parts))
     return batch(views) if image.dim() == 4 else views[0]
+
+
+def render_layers(
+    colors: Tensor,
+    signed_radius: Tensor,
+    coverage: Tensor,
+    *,
+    aperture: Aperture | None = None,
+    quality: str = "standard",
+    left_right: bool = False,
+    num_layers: int | None = None,
+    psf_ks: int | None = None,
+    threads: int = 1,
+    tile: int | None = None,
+    infinity: float | None = None,
+    depth_repair: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> Views:
+    """Defocus a scene whose surfaces are known behind each other, with their coverage.
+
+    In each pixel layers occlude each other by their radii, the smaller signed radius being the
+    nearer one; of equal radii the layer that comes first. Nothing is invented behind what is
+    known, but for two cases: one layer is continued behind its own edges as in `render`, within its
+    silhouette; and where every pixel is covered fully, gaps that no layer fills are, too.
+
+    Args:
+        colors: [L, C, H, W], linear light, premultiplied by coverage; any number of channels.
+        signed_radius: [L, H, W] px, negative nearer than focus; unused where coverage is 0.
+        coverage: [L, H, W] in [0, 1], the share of each pixel that the layer covers.
+        aperture: As in `render`.
+        quality: As in `render`, but a draft has the full size.
+        left_right: As in `render`.
+        num_layers: As in `render`.
+        psf_ks: As in `render`.
+        threads: As in `render`.
+        tile: As in `render`.
+        infinity: As in `render`, for one layer without gaps.
+        depth_repair: As in `render`, for one layer without gaps; other depth is taken as it is.
+        progress: As in `render`.
+
+    Returns:
+        Views of [C + 1, H, W]: premultiplied colours, then alpha, the share of the aperture that
+        saw a surface. One layer that covers all is `render` of it, and alpha is 1.
+
+    Raises:
+        ValueError: If shapes do not match, coverage is not in [0, 1], a colour or a radius is not
+            finite where there is coverage, or an option is out of its range.
+    """
+    settings = Settings(
+        aperture=Aperture() if aperture is None else aperture,
+        quality=quality,
+        left_right=left_right,
+        num_layers=num_layers,
+        psf_ks=psf_ks,
+        threads=threads,
+        tile=tile,
+        infinity=infinity,
+        depth_repair=depth_repair,
+    )
+    _check_layers(colors, signed_radius, coverage)
+    layered = Layered.of(colors, signed_radius, coverage)
+    with own_modes(colors.device):
+        if layered.number == 1 and not layered.open:
+            picture = Picture(colors[0], signed_radius[0], settings, None)
+            views = assembled(picture.frame, colors[0], picture.parts(progress=progress))
+            alpha = torch.ones_like(views.render[:1])
+            return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
+        pixels = layered.picture(alpha=True)
+        assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
+        picture = Picture(pixels, layered.nearest(), settings, None, layered=layered)
+        views = assembled(picture.frame, pixels, picture.parts(progress=progress))
+        return views.to(colors.dtype)
+
+
+def _check_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> None:
+    """Refuse layers of other shapes or types.
+
+    Raises:
+        ValueError: If a tensor is not of floats, or shapes do not match.
+    """
+    tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
+    for name, tensor in tensors.items():
+        dense(name, tensor)
+        if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
+            raise ValueError(
+                f"{name} must be a tensor of floats, got {described(tensor)}; "
+                "decode integers to linear light first"
+            )
+    shape = tuple(colors.shape)
+    each = (shape[0], *shape[2:]) if len(shape) == 4 else ()
+    if not each or 0 in shape or {tuple(signed_radius.shape), tuple(coverage.shape)} != {each}:
+        raise ValueError(
+            f"layers must be colors [L, C, H, W] with signed_radius and coverage [L, H, W], got "
+            f"{list(shape)}, {list(signed_radius.shape)} and {list(coverage.shape)}; "
+            "one layer is colors[None]"
+        )
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:

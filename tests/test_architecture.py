@@ -18,13 +18,23 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # below it.
 CORE_ORDER = (
     *("__init__", "evaluation", "random_lens", "distributions", "lens", "render", "stream"),
-    *("engine", "compositing", "blur", "depth", "inpainting", "layers", "images", "optics"),
+    *(
+        "engine",
+        "compositing",
+        "blur",
+        "sequences",
+        "depth",
+        "inpainting",
+        "layers",
+        "images",
+        "optics",
+    ),
     *("runtime", "renderer_version"),
 )
 CLI_ORDER = (
-    *("__main__", "main", "pytest_plugin", "commands", "options", "bench", "reports"),
-    *("golden", "batch", "dataset", "journal", "rendering", "compare", "diagnosis"),
-    *("jobs", "depth_formats", "formats", "system", "__init__"),
+    *("__main__", "main", "pytest_plugin", "commands", "options", "html", "bench", "reports"),
+    *("golden", "batch", "dataset", "journal", "rendering", "elements", "compare", "diagnosis"),
+    *("jobs", "shots", "depth_formats", "formats", "exr", "system", "__init__"),
 )
 MOST_LINES, MOST_MODULES, MOST_TESTS = 300, 15, 40
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

@@ -12,6 +12,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import color_exr, depth_exr, ramp, refused, run, texture, write_exr
+from elements import disc, element, write
 
 from defocus_cli.commands.help import TOPICS
 from defocus_cli.jobs.job import Machine, Outputs
@@ -60,6 +61,13 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     depth_exr(tmp_path / "z.exr", depth + 4)
     planes = {name: color[..., i] for i, name in enumerate("RGB")}
     write_exr(tmp_path / "scene.exr", Z=depth, **planes)
+    ball = element(disc())
+    both_views = ball | {f"left.{channel}": plane for channel, plane in ball.items()}
+    write(tmp_path / "ball.exr", both_views, multiView=["right", "left"])
+    vectors = {f"ViewLayer.Vector.{name}": np.zeros_like(depth) for name in "XYZW"}
+    for frame in range(1001, 1004):
+        write_exr(tmp_path / f"shot.{frame}.exr", **planes, **vectors)
+        depth_exr(tmp_path / f"depth.{frame}.exr", depth)
     color_exr(tmp_path / "frames" / "a.exr")
     depth_exr(tmp_path / "depths" / "a.exr")
     disparity = np.tile(np.linspace(0, 1, 320, dtype=np.float32)[None, :, None], (240, 1, 1))

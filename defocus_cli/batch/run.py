@@ -206,7 +206,7 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
     }
     outputs = result["outputs"] or {name: {"path": path} for name, path in job.names.items()}
     copied = ("lens", "size", "coc_px", "device", "warnings", "seconds")
-    notes = ("color_note", "depth_note")
+    notes = ("color_note", "depth_note", "depth_repair")
     return {
         "sample_id": job.sample_id,
         "job": identity.name(recipe, inputs),

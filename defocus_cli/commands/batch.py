@@ -10,10 +10,11 @@ import click
 from defocus_cli.batch import run
 from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
+from defocus_cli.html import batches
 from defocus_cli.jobs.job import Job, Outputs
 from defocus_cli.jobs.jobs_file import read_jobs
 from defocus_cli.journal.journal import Shard
-from defocus_cli.options import shared
+from defocus_cli.options import comparing, shared
 from defocus_cli.options.batch import Crew, ShardType, crew_options, shards_size_option
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import batch_report, dry_runs
@@ -47,6 +48,7 @@ from defocus_cli.system.errors import UsageProblem
 )
 @click.option("--overwrite", is_flag=True, help="Do all again, whatever was done before.")
 @shards_size_option
+@comparing.html_option("Write a report to look at in a browser, with the pictures in it.")
 @click.option("--dry-run", is_flag=True, help="Say what is to do, in what time and space; stop.")
 @shared.json_option
 @shared.verbose_option
@@ -60,6 +62,7 @@ def command(
     keep_going: bool,
     overwrite: bool,
     shards_size: int | None,
+    html: Path | None,
     dry_run: bool,
     as_json: bool,
     verbose: bool,
@@ -83,6 +86,7 @@ def command(
     Examples:
       defocus batch jobs.toml -o out
       defocus batch jobs.toml -o out --dry-run
+      defocus batch jobs.toml -o out --html out.html
       defocus batch jobs.toml -o out --shard $SLURM_ARRAY_TASK_ID/8
       defocus batch jobs.toml -o out --scheduler tcp://head:8786
     """  # noqa: D301  click reads the backspace
@@ -103,7 +107,7 @@ def command(
         dry_runs.report_batch(plan, crew.count, as_json=as_json, verbose=verbose)
         return
     asked = {job.sample_id for job in jobs}
-    carry_out(jobs, out, execution, shards_size, asked, as_json=as_json, verbose=verbose)
+    carry_out(jobs, out, execution, shards_size, asked, html=html, as_json=as_json, verbose=verbose)
 
 
 def carry_out(
@@ -113,10 +117,11 @@ def carry_out(
     shards_size: int | None,
     asked: Collection[str] | None,
     *,
+    html: Path | None = None,
     as_json: bool,
     verbose: bool,
 ) -> None:
-    """Do jobs, index the samples that are ``asked`` for, all if None, and tell.
+    """Do jobs, index and show the samples that are ``asked`` for, all if None, and tell.
 
     Raises:
         ClickException: not all could be done.
@@ -128,6 +133,9 @@ def carry_out(
     if execution.shard is None and not summary.interrupted:
         written = update.index(out, shards_size, asked)
     console.say(batch_report.summary_line(summary))
+    if html is not None:
+        batches.write(out, html, asked, shared.cores())
+        written.append(html)
     if as_json:
         record = batch_report.summary_record(summary)
         console.print_json(**record, written=[str(path) for path in written])

@@ -13,6 +13,7 @@ from defocus_cli.compare.record import Settings
 from defocus_cli.compare.run import Task, compare_all
 from defocus_cli.compare.selection import Region
 from defocus_cli.compare.thresholds import Rule, read_thresholds
+from defocus_cli.html import comparisons
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import compare_report
@@ -43,6 +44,7 @@ Metrics for --fail and --warn:
 Examples:
   defocus compare golden.exr render.exr
   defocus compare golden/ out/ --fail 'psnr<45' --warn 'max>0.02' --junit compare.xml
+  defocus compare golden/ out/ --html compare.html
   defocus compare golden/ out/ --thresholds compare.toml --diff differences
   defocus compare golden/render out/render --coc out/coc --fail 'elsewhere-psnr<50'
 """
@@ -75,6 +77,7 @@ def command(
     flip: bool,
     diff: Path | None,
     junit: Path | None,
+    html: Path | None,
     processes: int,
     as_json: bool,
     verbose: bool,
@@ -85,7 +88,8 @@ def command(
     pairs = find_pairs(a, b)
     for pattern in rules.idle([pair.name for pair in pairs]):
         console.say(f"{thresholds}: no picture matches files = '{pattern}'")
-    task = Task(rules, Settings(region, mask, coc, flip, metadata), diff)
+    settings = Settings(region, mask, coc, flip, metadata)
+    task = Task(rules, settings, diff)
     records, lone = [], not a.is_dir()
     with bar("pair", len(pairs)) as watched:
         for record in compare_all(pairs, task, processes):
@@ -96,6 +100,12 @@ def command(
                 console.tell(compare_report.line(record))
     if junit is not None:
         write_junit(junit, records, time.perf_counter() - start)
+    if html is not None:
+        words = [f"A: {a}", f"B: {b}"]
+        commands = comparisons.compare_commands(rules.of, settings)
+        title = f"{b} compared with {a}"
+        occasion = comparisons.Occasion(title, words, commands)
+        comparisons.write(html, occasion, records, settings, processes)
     if as_json:
         console.print_json(**compare_report.document(records))
     elif not lone:

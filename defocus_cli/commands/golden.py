@@ -19,6 +19,7 @@ from defocus_cli.diagnosis.picture import read_picture
 from defocus_cli.golden.faults import plant_all
 from defocus_cli.golden.fresh import Rendered, rendered
 from defocus_cli.golden.store import Store, accept, change_words, read_store
+from defocus_cli.html import comparisons
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.batch import Crew, crew_options
 from defocus_cli.options.types import FilePath, GroupedCommand
@@ -29,7 +30,7 @@ from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError, UsageProblem
 
 # Another processor, or another version of torch, rounds otherwise.
-_DEFAULT = "max>1e-4"
+_DEFAULT_RULES = Rules(fail=(rule("max>1e-4"),))
 
 
 @click.group(
@@ -54,16 +55,27 @@ def command(ctx: click.Context) -> None:
         click.echo(ctx.get_help())
 
 
+_only = click.option(
+    "--only",
+    multiple=True,
+    metavar="PATTERN",
+    help="Only jobs that write a picture of this name, like render/spheres.exr or 'left/*'; may be "
+    "repeated.",
+)
+
+
 @command.command("update", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
 @click.option("--accept", "accepted", is_flag=True, help="Make what changed the new goldens.")
+@_only
 @comparing.rule_options
 @crew_options
 def update(
     jobs_file: Path,
     folder: Path,
     accepted: bool,
+    only: tuple[str, ...],
     fail: tuple[Rule, ...],
     warn: tuple[Rule, ...],
     over: float | None,
@@ -80,10 +92,12 @@ def update(
     Examples:
       defocus golden update jobs.toml goldens
       defocus golden update jobs.toml goldens --accept
+      defocus golden update jobs.toml goldens --only render/spheres.exr --accept
     """  # noqa: D301  click reads the backspace
     rules = _thresholds(thresholds, fail, warn, over)
     store = read_store(folder, new=True)
-    with _rendered(jobs_file, crew) as fresh:
+    with _rendered(jobs_file, crew, only) as fresh:
+        store = _narrowed(store, fresh, only)
         for line in store.changed_settings(fresh.jobs):
             console.tell(line)
         records = _compare(store, fresh, Task(rules, Settings(metadata=metadata)), crew.count)
@@ -112,16 +126,19 @@ def update(
     is_flag=True,
     help="Render nothing; plant faults into the goldens, and fail if a rule lets one pass.",
 )
+@_only
 @comparing.rule_options
 @comparing.selection_options
 @click.option("--diff", type=FilePath(), metavar="DIR", help="Write difference images here.")
 @click.option("--junit", type=FilePath(), metavar="FILE", help="Write JUnit XML.")
+@comparing.html_option("Write a report to look at in a browser, with the pictures in it.")
 @shared.json_option
 @crew_options
 def check(
     jobs_file: Path,
     folder: Path,
     must_fail: bool,
+    only: tuple[str, ...],
     fail: tuple[Rule, ...],
     warn: tuple[Rule, ...],
     over: float | None,
@@ -133,6 +150,7 @@ def check(
     flip: bool,
     diff: Path | None,
     junit: Path | None,
+    html: Path | None,
     as_json: bool,
     crew: Crew,
 ) -> int:
@@ -145,22 +163,28 @@ def check(
     \b
     Examples:
       defocus golden check jobs.toml goldens --thresholds compare.toml --junit goldens.xml
+      defocus golden check jobs.toml goldens --html goldens.html
       defocus golden check jobs.toml goldens --thresholds compare.toml --must-fail
     """  # noqa: D301  click reads the backspace
     rules = _thresholds(thresholds, fail, warn, over)
     settings = Settings(region, mask, coc, flip, metadata)
     if must_fail:
-        for option, value in (("--diff", diff), ("--junit", junit)):
-            if value is not None:
+        refused = (("--diff", diff), ("--junit", junit), ("--html", html), ("--only", only))
+        for option, value in refused:
+            if value:
                 raise UsageProblem(option, "means nothing with --must-fail", "leave it out")
         return _plant(folder, rules, settings, as_json=as_json)
     start = time.perf_counter()
     store = read_store(folder)
-    with _rendered(jobs_file, crew) as fresh:
+    with _rendered(jobs_file, crew, only) as fresh:
+        store = _narrowed(store, fresh, only)
         if not as_json:
             for line in store.changed_settings(fresh.jobs):
                 console.tell(line)
         records = _compare(store, fresh, Task(rules, settings, diff), crew.count)
+        if html is not None:
+            occasion = _occasion(jobs_file, folder, rules, store.changed_settings(fresh.jobs))
+            comparisons.write(html, occasion, records, settings, crew.count)
     if junit is not None:
         write_junit(junit, records, time.perf_counter() - start)
     if as_json:
@@ -178,13 +202,29 @@ def check(
 def _thresholds(
     file: Path | None, fail: Sequence[Rule], warn: Sequence[Rule], over: float | None
 ) -> Thresholds:
-    return read_thresholds(file, fail, warn, over, Rules(fail=(rule(_DEFAULT),)))
+    return read_thresholds(file, fail, warn, over, _DEFAULT_RULES)
 
 
-def _rendered(jobs_file: Path, crew: Crew) -> AbstractContextManager[Rendered]:
+def _occasion(
+    jobs_file: Path, folder: Path, rules: Thresholds, changed: Sequence[str]
+) -> comparisons.Occasion:
+    """A check, for its report."""
+    words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
+    commands = comparisons.golden_commands(jobs_file, folder, rules.of, _DEFAULT_RULES)
+    return comparisons.Occasion(
+        f"{jobs_file} checked with {folder}", words, commands, "rendered now"
+    )
+
+
+def _rendered(jobs_file: Path, crew: Crew, only: Sequence[str]) -> AbstractContextManager[Rendered]:
     report = batch_report.BatchReport(each=False)
     execution = Execution(crew.execute(), spread=crew.spread)
-    return rendered(jobs_file, crew.machine, execution, report)
+    return rendered(jobs_file, crew.machine, execution, report, only)
+
+
+def _narrowed(store: Store, fresh: Rendered, only: Sequence[str]) -> Store:
+    """The goldens of the jobs that were chosen."""
+    return store.only({job.sample_id for job in fresh.jobs}) if only else store
 
 
 def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[Comparison]:

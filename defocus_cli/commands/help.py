@@ -16,6 +16,7 @@ TOPICS = {
     "depth": "depth files by format, estimated depth of photographs, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
+    "shots": "numbered frames, lenses that move, steadiness, motion vectors",
     "compare": "comparison of pictures, thresholds, goldens, CI",
     "python": "the renderer as a torch library, training, samples of a batch",
     "exit-codes": "exit codes, error lines, output for scripts",

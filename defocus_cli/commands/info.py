@@ -13,6 +13,7 @@ from defocus_cli.options.reading import reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import inspection_report
 from defocus_cli.reports.inspection import inspect, inspect_pairs
+from defocus_cli.reports.repair_drawing import check_preview, draw_repair
 from defocus_cli.system import console
 from defocus_cli.system.errors import UserError
 
@@ -25,8 +26,21 @@ from defocus_cli.system.errors import UserError
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @lens_options(required=False)
 @reading_options
+@click.option(
+    "--preview",
+    type=FilePath(),
+    metavar="PNG",
+    help="Draw a colour and a depth file: the picture, and beside it where its depth is repaired, "
+    "orange where it was made nearer, blue where farther. Needs a lens.",
+)
 @shared.json_option
-def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_json: bool) -> None:
+def command(
+    files: tuple[Path, ...],
+    lens: Lens | None,
+    reading: Reading,
+    preview: Path | None,
+    as_json: bool,
+) -> None:
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
@@ -37,25 +51,35 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
     \b
     With --json, "files" has of each:
       file, size   its path; width and height in px
-      parts        index, name, deep, and channels with their types
-      color        channels, nonfinite_pixels; null if there is none
+      parts        index, name, deep, views, and channels with their types; of an EXR
+                   data_window and display_window (x and y of their first and last pixel),
+                   pixel_aspect
+      color        channels, nonfinite_pixels; with alpha nothing_pixels, where it is 0, and
+                   partial_pixels, where it is below 1; null if there is none
       color_note   how the colour would be read, or why there is none
-      depth        range_m, sky_pixels, invalid_pixels; with a lens, which lens, coc_px,
-                   repair: what would be done to the depth before it is rendered, empty
-                   if nothing; warnings of a depth that hardly suits the lens; null if
-                   there is none
+       depth        range_m, sky_pixels, invalid_pixels, nothing_pixels, where the alpha of
+                    the colour is 0; with a lens, which lens, coc_px, repair: what would be
+                    done to the depth before it is rendered, empty if nothing, and
+                    depth_repair: the same in numbers (kinds, noise_px, edge_width_px,
+                    displaced_px, share of pixels); warnings of a depth that hardly suits the
+                    lens; null if there is none
       depth_note   how the depth would be read, or why there is none
       evidence     formats that the depth could be of, and faults that show
       maps         kind, and range_px or range, of what 'defocus render' wrote
     "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
       color, depth the files
       evidence     what shows that the colour is blurred already, or does not lie on the depth
+      repair, depth_repair, preview
+                   with --preview: what was done to the depth with the colours, and the PNG
 
     \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
+      defocus info rgb.exr depth.exr --lens 50mm.toml --preview repaired.png
     """  # noqa: D301  click reads the backspace
+    if preview is not None:
+        check_preview(preview, files, lens)
     failed: UserError | None = None
     records = []
     for file in files:  # each is reported before the next is read
@@ -70,6 +94,8 @@ def command(files: tuple[Path, ...], lens: Lens | None, reading: Reading, as_jso
         for line in () if as_json else inspection_report.lines(record):
             console.tell(line)
     pairs = inspect_pairs(records, reading, lens)
+    if preview is not None and lens is not None and not failed:
+        draw_repair(pairs, reading, lens, preview)
     for pair in () if as_json else pairs:
         for line in inspection_report.pair_lines(pair):
             console.tell(line)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -10,12 +11,15 @@ import click
 from defocus_cli.batch import pipeline, run
 from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
+from defocus_cli.dataset.contact_sheet import kind_of_sheet, write_contact_sheet
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Reading
-from defocus_cli.jobs.pairing import find_pictures
+from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.pairing import find_pictures, whole_shot
+from defocus_cli.jobs.shot_lenses import ShotLenses
+from defocus_cli.jobs.shots import with_shot
 from defocus_cli.options import shared
-from defocus_cli.options.lens import lens_options
 from defocus_cli.options.reading import reading_options
+from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.reports import batch_report, dry_runs
 from defocus_cli.system import console
@@ -24,7 +28,8 @@ _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
 
 COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
-COLOR is an EXR that holds both, or a directory of such.
+COLOR is an EXR that holds both, or a directory of such. Patterns like 'shot.####.exr' or
+'shot.%04d.exr' are the frames of a shot, which pair up by number ('defocus help shots').
 
 OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
 inputs, options and outputs are as they were are not rendered again. Files that the journal does
@@ -44,6 +49,7 @@ Examples:
   defocus render frames/ depths/ -o out --lens 50mm.toml --outputs render,left,right,coc
   defocus render scene.exr -o out --lens 50mm.toml --focus inf --blades 6 --preview
   defocus render frames/ depths/ -o out --lens 50mm.toml --dry-run
+  defocus render 'rgb.####.exr' 'z.####.exr' -o out --focal-length 50mm --animate pull.csv
 """
 
 
@@ -55,9 +61,11 @@ Examples:
 )
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
-@lens_options(required=True)
+@shot_lens_options(required=True)
+@shot_options
 @shared.output_options
 @shared.hidden_option
+@shared.over_options
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -72,9 +80,11 @@ Examples:
 def command(
     color: Path,
     depth: Path | None,
-    lens: Lens,
+    lenses: ShotLenses,
+    shot: ShotOptions,
     outputs: Outputs,
     hidden: tuple[Path, Path] | None,
+    over: tuple[Path, Path | None] | None,
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -84,14 +94,24 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = find_pictures(color, depth, hidden)
-    jobs = [Job(picture, lens, reading, outputs, machine) for picture in pictures]
+    given = {"hidden": hidden, "over": over}
+    others = {role: paths for role, paths in given.items() if paths is not None}
+    pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
+    jobs = [
+        Job(picture, lens, reading, outputs, machine)
+        for picture, lens in _taken(pictures, lenses, verbose=verbose)
+    ]
+    every = whole_shot(color, depth, others)
+    moving = "focus-at" in lenses.animation.keys
+    jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     execution = functools.partial(Execution, read_inputs=check_inputs == "hash")
     if dry_run:
         dry_runs.report_pictures(
             jobs, make_plan(jobs, outputs.root, execution(pipeline.execute)), as_json=as_json
         )
         return
+    if shot.contact is not None:
+        kind_of_sheet(jobs)
     report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
         with report.bar("picture"):
@@ -102,7 +122,23 @@ def command(
             summary = run.carry_out(jobs, outputs.root, execution(alone), report)
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})
+    if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
+        console.say(f"contact sheet -> {sheet}")
     if as_json:
         records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
         console.print_json(dry_run=False, pictures=records)
     batch_report.end(summary)
+
+
+def _taken(
+    pictures: Sequence[Picture], lenses: ShotLenses, *, verbose: bool
+) -> Iterator[tuple[Picture, Lens]]:
+    """Each picture and its lens; what metadata decided is told where it changes."""
+    told: object = None
+    for picture in pictures:
+        lens, taken = lenses.of(picture)
+        if verbose and taken and taken != told:
+            words = ", ".join(f"{n} {each.text} ({each.attribute})" for n, each in taken.items())
+            console.say(f"{picture.color}: {words}")
+            told = taken
+        yield picture, lens

@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from defocus_cli.exr.writing import write_exr
 from defocus_cli.formats.encode import write_samples
-from defocus_cli.formats.exr import write_exr
 
 if TYPE_CHECKING:
     import numpy as np

@@ -102,7 +102,7 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
     """
     import numpy as np
 
-    path = _coc_file(folder, name)
+    path = coc_file(folder, name)
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
         problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
@@ -140,7 +140,12 @@ def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _coc_file(folder: Path, name: str) -> Path:
+def coc_file(folder: Path, name: str) -> Path:
+    """The CoC map of a picture, in a folder or the lone one for all.
+
+    Raises:
+        InputError: there is none.
+    """
     if folder.is_file():
         return folder
     stem = Path(name).with_suffix("")

@@ -31,7 +31,7 @@ class Sample:
     Attributes:
         sample_id: name of the sample, the stem of its files.
         files: the file of each kind.
-        inputs: the input file of each role: color, depth, hidden_color, hidden_depth, and
+        inputs: the input file of each role: color, depth, those of hidden and over, and
             depth_sidecar, depth_mask of depth formats that have them.
         lens: the lens, with the focus distance in mm.
         size: width and height in px.

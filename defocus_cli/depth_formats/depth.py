@@ -9,17 +9,19 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.depth_formats.file_types import read_numbers
-from defocus_cli.depth_formats.holes import fill_from_farther, set_far
+from defocus_cli.depth_formats.holes import fill_from_farther, set_far, set_outside
 from defocus_cli.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_cli.depth_formats.resolving import resolved
 from defocus_cli.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
-from defocus_cli.depth_formats.samples import Samples
+from defocus_cli.depth_formats.samples import Samples, divided
 from defocus_cli.depth_formats.sidecars import marked_pixels
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
 from defocus_cli.system.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     import numpy as np
@@ -43,6 +45,10 @@ class Depth:
         named: whether the user named the format, which says what 0 is.
         replaced: how many invalid pixels were taken as far, or filled.
         replaced_words: the same for people; empty if none.
+        data_window: its data window in words, if it does not cover the picture.
+        overscan: pixels beyond the picture shown.
+        nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
+            The depth is inf there, a radius 0.
     """
 
     metres: Any
@@ -55,6 +61,15 @@ class Depth:
     named: bool = False
     replaced: int = 0
     replaced_words: str = ""
+    data_window: str = ""
+    overscan: Overscan = NO_OVERSCAN
+    nothing: Any = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture shown, in px."""
+        rows, columns = self.overscan.shown(*self.metres.shape)
+        return columns.stop - columns.start, rows.stop - rows.start
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -64,6 +79,11 @@ class Depth:
         )
         replaced = f"{self.path.name}: {self.replaced_words}"
         return *([granted] * self.by_custom), *([replaced] * bool(self.replaced_words))
+
+    def something(self, rows: slice) -> NDArray[np.float32]:
+        """The depths of some rows but where there is nothing."""
+        band: NDArray[np.float32] = self.metres[rows]
+        return band.ravel() if self.nothing is None else band[~self.nothing[rows]]
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
@@ -89,6 +109,8 @@ def read_depth(
     keeping: Keeping = IN_MEMORY,
     size: tuple[int, int] | None = None,
     lens_focal: float | None = None,
+    overscan: Overscan = NO_OVERSCAN,
+    alpha: Any = None,
 ) -> Depth:
     """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
 
@@ -96,27 +118,31 @@ def read_depth(
         path: the file.
         reading: what the user says of it.
         keeping: where the numbers are to be kept.
-        size: width and height of the colour that it belongs to, None if there is none.
+        size: width and height of the colour that it belongs to as it is shown, None if there is
+            none.
         lens_focal: focal length of the lens in widths of its sensor, None if there is none.
+        overscan: pixels of the colour beyond the picture shown.
+        alpha: [H, W] of the colour, None if it has none.
 
     Raises:
         InputError: the file cannot be read, or what its depth is stays open.
         UsageProblem: an option is missing or makes no sense for this file.
     """
     row = reading.row
-    samples = read_numbers(path, reading, keeping, size)
+    samples = read_numbers(path, reading, keeping, size, overscan)
     if row.weights or row.bits:
         samples = Samples(
             unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
         )
     if row.stride != 1:
         samples = _strided(samples, row.stride)
+    values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
     width = samples.width if size is None else size[0]
     decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
-    metres, half_sky = _decode(samples, decoding, keeping)
+    metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
     marks = _apply_marks(path, row, samples, metres)
     by_custom = samples.type == "16-bit PNG" and not reading.says_scale
-    words = (samples.words, decoding.words, *marks)
+    words = (samples.words, division, decoding.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
     is_radius = decoding.rule == "radius"
     depth = Depth(
@@ -128,8 +154,39 @@ def read_depth(
         by_custom=by_custom,
         whole=samples.is_integer,
         named=reading.depth_format is not None,
+        data_window=samples.data_window,
+        overscan=overscan,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
+
+
+def decoded_alike(
+    planes: Sequence[Any],
+    reading: DepthReading,
+    like: Depth,
+    *,
+    keeping: Keeping,
+    size: tuple[int, int],
+    lens_focal: float | None,
+) -> list[Any]:
+    """Metres of further numbers of a depth file, which are read as those of a depth map of it.
+
+    Args:
+        planes: numbers [H, W] of the same channel; overwritten if they are float32.
+        reading: what the user says of the file.
+        like: the depth map.
+        keeping: where metres are kept.
+        size: width and height of the colour as it is shown.
+        lens_focal: as in `read_depth`.
+    """
+    metres = []
+    for plane in planes:
+        samples = Samples(plane, "EXR", "", channel=like.channel)
+        decoding = resolved(
+            like.path, reading, samples, picture_width=size[0], lens_focal=lens_focal
+        )
+        metres.append(_decode(samples, decoding, keeping, like.overscan)[0])
+    return metres
 
 
 def require_valid(depth: Depth) -> None:
@@ -144,6 +201,9 @@ def require_valid(depth: Depth) -> None:
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
     remedy = "fill the holes, and write inf for sky; or say --invalid far, or fill"
+    if depth.data_window:
+        problem = f"{problem}; its data window is {depth.data_window} only"
+        remedy = "render the whole display window, or give the colour alpha; or say --invalid far"
     if depth.whole and depth.named:
         remedy = "say --invalid far if they are sky, or fill if they are holes"
     elif depth.whole:
@@ -154,41 +214,15 @@ def require_valid(depth: Depth) -> None:
     raise InputError(depth.path, problem, remedy)
 
 
-def resized(depth: Depth, size: tuple[int, int], keeping: Keeping) -> Depth:
-    """The depth at another size (width, height), each pixel that of the nearest pixel centre.
-
-    Any mean of depths is a surface that is not there.
-
-    Raises:
-        InputError: the two sizes differ in their aspect by more than a pixel, or the file holds
-            radii, which are px of its own size.
-    """
-    import numpy as np
-
-    (width, height), (rows, columns) = size, depth.metres.shape
-    if depth.is_radius:
-        problem = f"holds radii in px of a picture of {columns}x{rows} px"
-        raise InputError(depth.path, problem, "give radii of the size of the colour")
-    if abs(width * rows - height * columns) > max(width, height, rows, columns):
-        problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        raise InputError(depth.path, problem, "cut depth and colour to one aspect")
-    metres = keeping.new((height, width), np.float32)
-    across = ((np.arange(width) + 0.5) * columns / width).astype(int)
-    down = ((np.arange(height) + 0.5) * rows / height).astype(int)
-    for band in bands((height, width)):
-        first, last = int(down[band][0]), int(down[band][-1])
-        metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
-    note = f"{depth.note}, {columns}x{rows} px resized by nearest"
-    return replace(depth, metres=metres, note=note)
-
-
 def _strided(samples: Samples, step: int) -> Samples:
     """Every so many rows and columns."""
     values = samples.values[::step, ::step]
     return Samples(values, samples.type, samples.words, samples.channel, samples.metadata)
 
 
-def _decode(samples: Samples, decoding: Decoding, keeping: Keeping) -> tuple[Any, bool]:
+def _decode(
+    samples: Samples, decoding: Decoding, keeping: Keeping, overscan: Overscan
+) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
     import numpy as np
 
@@ -197,11 +231,13 @@ def _decode(samples: Samples, decoding: Decoding, keeping: Keeping) -> tuple[Any
     # Numbers that were read are not needed any more: metres take their place.
     metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
     half = values.dtype.newbyteorder("=") == np.float16 and decoding.sky <= HALF_MAX
-    half_sky, height = False, values.shape[0]
+    half_sky, frame = False, (values.shape[0], values.shape[1])
     for rows in bands(values.shape):
         numbers = values[rows]
         half_sky |= half and bool((numbers == HALF_MAX).any())
-        metres[rows] = decoded(numbers, decoding, first_row=rows.start, height=height)
+        metres[rows] = decoded(
+            numbers, decoding, first_row=rows.start, frame=frame, overscan=overscan
+        )
     return metres, half_sky
 
 
@@ -210,6 +246,8 @@ def _apply_marks(path: Path, row: DepthFormat, samples: Samples, metres: Any) ->
     import numpy as np
 
     words, marks = [], []
+    if samples.within is not None:
+        set_outside(metres, samples.within)
     if samples.nothing is not None:
         marks.append((samples.nothing, np.inf))
         words.append("sky where alpha is 0")

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.samples import Samples
-from defocus_cli.formats.exr import Part, read_parts
+from defocus_cli.exr.header import Header, read_headers
+from defocus_cli.exr.reading import Part, read_parts
+from defocus_cli.exr.views import in_view
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
 from defocus_cli.formats.exr_channels import (
     ChannelGroup,
     NoDepthChannel,
     channels_of,
     choose_depth,
 )
-from defocus_cli.formats.exr_header import Header, read_headers
 from defocus_cli.system.arrays import Keeping
 from defocus_cli.system.errors import InputError
 
@@ -25,42 +27,52 @@ if TYPE_CHECKING:
     from defocus_cli.depth_formats.rules import DepthFormat
 
 
-def exr_samples(path: Path, reading: DepthReading, keeping: Keeping) -> Samples:
+def exr_samples(
+    path: Path, reading: DepthReading, keeping: Keeping, overscan: Overscan = NO_OVERSCAN
+) -> Samples:
     """Read the depth channel of an EXR file.
 
     Raises:
         InputError: the file cannot be read, or has no depth channel or several.
     """
-    headers = read_headers(path)
-    chosen = _chosen(path, headers, reading)
+    headers = in_view(path, read_headers(path), reading.view)
+    chosen = choose_depth_channel(path, headers, reading)
     header = chosen.header
-    if not header.data.covers(header.display):
-        problem = "has depth in its data window only, which leaves pixels of the picture without"
-        raise InputError(path, problem, "render the depth over the whole display window")
     alpha = _alpha(chosen) if reading.row.alpha else None
 
     def wanted(other: Header, name: str) -> bool:
-        return other.index == header.index and name in (chosen.name, alpha)
+        return other.index == header.index and name in (chosen.source, alpha)
 
-    parts = read_parts(path, headers, keeping, wanted)
-    pixels = parts[header.index].channels.get(chosen.name)
+    parts = read_parts(path, headers, keeping, wanted, overscan)
+    pixels = parts[header.index].channels.get(chosen.source)
     if pixels is None:
         problem = f"has {chosen.name} at a lower resolution than its other channels"
         raise InputError(path, problem, "save the depth without subsampling")
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
-    words = ", ".join(filter(None, (f"EXR {kind} channel {chosen.name}{place}", header.cut_note)))
+    view = f" in view {header.shown}" if header.shown else ""
+    words = (f"EXR {kind} channel {chosen.name}{place}{view}", header.cut_note(overscan))
+    window = header.display.grown(overscan)
     transparency = None if alpha is None else parts[header.index].channels[alpha]
     return Samples(
         pixels,
         "integer EXR" if pixels.dtype.kind in "iu" else "EXR",
-        words,
+        ", ".join(filter(None, words)),
         channel=chosen.name,
         nothing=None if transparency is None else transparency[:] == 0,
+        within=window.cut(header.data),
+        data_window="" if header.data.covers(window) else str(header.data),
     )
 
 
-def _chosen(path: Path, headers: Sequence[Header], reading: DepthReading) -> ChannelGroup:
+def choose_depth_channel(
+    path: Path, headers: Sequence[Header], reading: DepthReading
+) -> ChannelGroup:
+    """The depth channel of a file: the one named, that of the format, or one of the usual names.
+
+    Raises:
+        InputError: there is none, or several could be the depth.
+    """
     row, named = reading.row, reading.depth_channel
     if named is None and (row.channels or row.plane is not None):
         every = channels_of(path, headers, reading.part)
@@ -69,7 +81,7 @@ def _chosen(path: Path, headers: Sequence[Header], reading: DepthReading) -> Cha
     try:
         return choose_depth(path, headers, channel=named, part=reading.part)
     except NoDepthChannel as error:
-        if not any(_is_grey(each) for each in read_parts(path)):
+        if not any(_is_grey(each) for each in read_parts(path, tuple(headers))):
             raise
         if reading.depth_format is not None and named is None:  # then it is said to be depth
             return choose_depth(path, headers, channel="R", part=reading.part)
@@ -89,9 +101,9 @@ def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup
 
 def _alpha(chosen: ChannelGroup) -> str | None:
     """Name of the alpha channel beside a depth channel, None if there is none."""
-    names = {channel.name for channel in chosen.header.channels}
+    names = {channel.plain: channel.name for channel in chosen.header.channels}
     layer = chosen.name.rpartition(".")[0]
-    return next((name for name in (f"{layer}.A", "A") if name in names), None)
+    return next((names[name] for name in (f"{layer}.A", "A") if name in names), None)
 
 
 def _is_grey(part: Part) -> bool:

@@ -10,10 +10,11 @@ from defocus_cli.depth_formats.exr_samples import exr_samples
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.rules import DepthFormat
 from defocus_cli.depth_formats.samples import Samples
+from defocus_cli.exr.header import is_exr
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
 from defocus_cli.formats.bare_arrays import bare_type, read_bare, read_headerless
 from defocus_cli.formats.containers import Entry, container_type, read_entries
 from defocus_cli.formats.exr_channels import require_part
-from defocus_cli.formats.exr_header import is_exr
 from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_cli.formats.photo_depth import PhotoDepth, is_heic, is_jpeg, read_gdepth, read_heic
 from defocus_cli.formats.png_text import png_text
@@ -31,7 +32,11 @@ WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 
 def read_numbers(
-    path: Path, reading: DepthReading, keeping: Keeping, size: tuple[int, int] | None
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    size: tuple[int, int] | None,
+    overscan: Overscan = NO_OVERSCAN,
 ) -> Samples:
     """Read the numbers of a depth file.
 
@@ -40,6 +45,7 @@ def read_numbers(
         reading: what to take from it.
         keeping: where the numbers are to be kept.
         size: width and height of the colour that the depth belongs to, None if there is none.
+        overscan: pixels beyond the picture shown, of files that have them.
 
     Raises:
         InputError: the file cannot be read, or is of no type that the format comes in.
@@ -50,7 +56,7 @@ def read_numbers(
         width, height = size or row.size or (0, 0)
         return Samples(read_headerless(path, (width, height)), "headerless", "float32 rows")
     if is_exr(head):
-        return _allowed(path, exr_samples(path, reading, keeping), reading)
+        return _allowed(path, exr_samples(path, reading, keeping, overscan), reading)
     if path.suffix.lower() == ".exr":
         raise InputError(path, "is not an OpenEXR file", "check what wrote it")
     if container_type(head):

@@ -19,6 +19,21 @@ def set_far(metres: Any, rows: slice) -> None:
     metres[rows] = np.where(band > 0, band, np.float32(np.inf))
 
 
+def set_outside(metres: Any, within: tuple[slice, slice]) -> None:
+    """Make the depth invalid outside some rows and columns."""
+    import numpy as np
+
+    (height, width), (rows, columns) = metres.shape, within
+    for outside in (
+        (slice(0, rows.start), slice(0, width)),
+        (slice(rows.stop, height), slice(0, width)),
+        (rows, slice(0, columns.start)),
+        (rows, slice(columns.stop, width)),
+    ):
+        if all(cut.stop > cut.start for cut in outside):
+            metres[outside] = np.full([c.stop - c.start for c in outside], np.nan, np.float32)
+
+
 def fill_from_farther(metres: Any) -> bool:
     """Give invalid pixels the farther of the depths next to them in their row, in place.
 

@@ -10,6 +10,8 @@ from defocus_cli.depth_formats.table import FORMATS, NAMES
 KINDS = ("depth", "disparity")
 GEOMETRIES = ("radial", "planar")
 INVALID = ("error", "far", "fill")
+RESIZES = ("nearest", "guided")
+UNPREMULTIPLY = ("auto", "on", "off")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +23,7 @@ class DepthReading:
         depth_unit: unit of the numbers: mm, cm, m or ft.
         depth_channel: which channel of an EXR, or array of a container; PART/CHANNEL works too.
         part: which part of an EXR, page of a TIFF or frame of an array, from 0.
+        view: which view of an EXR of several, like left.
         depth_scale: multiplies the numbers.
         depth_kind: whether they are depth or disparity.
         depth_range: the distances in mm of the ends of the number's type, 0 and 255 or 65535, or 0
@@ -33,13 +36,17 @@ class DepthReading:
         fov: horizontal field of view in degrees.
         sky: numbers from this one on are sky; of disparity, up to this one.
         invalid: error, far (infinitely far) or fill (from the farther neighbour).
-        resize_depth: nearest, where depth of another size than the colour is to be resampled.
+        unpremultiply_depth: whether the numbers are divided by alpha: on, off, or auto, where edges
+            show that they are multiplied by it.
+        resize_depth: nearest or guided (by the colours), where depth of another size than the
+            colour is to be resampled.
     """
 
     depth_format: str | None = None
     depth_unit: str | None = None
     depth_channel: str | None = None
     part: int | None = None
+    view: str | None = None
     depth_scale: float | None = None
     depth_kind: str | None = None
     depth_range: tuple[float, float] | None = None
@@ -50,6 +57,7 @@ class DepthReading:
     fov: float | None = None
     sky: float | None = None
     invalid: str = "error"
+    unpremultiply_depth: str = "auto"
     resize_depth: str | None = None
 
     @property

@@ -14,6 +14,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -171,7 +173,12 @@ def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
 
 
 def decoded(
-    numbers: NDArray[Any], decoding: Decoding, *, first_row: int = 0, height: int | None = None
+    numbers: NDArray[Any],
+    decoding: Decoding,
+    *,
+    first_row: int = 0,
+    frame: tuple[int, int] | None = None,
+    overscan: Overscan = NO_OVERSCAN,
 ) -> NDArray[np.float32]:
     """Planar metres of numbers [h, W] of a file: +inf is sky; NaN, 0 and less are invalid.
 
@@ -179,7 +186,8 @@ def decoded(
         numbers: of any type.
         decoding: how to read them; of rule ``radius`` the result is the radii themselves.
         first_row: which row of the frame is the first of `numbers`.
-        height: rows of the frame; None if `numbers` has all of them.
+        frame: rows and columns of the frame; None if `numbers` has all of them.
+        overscan: pixels of the frame beyond the picture, whose middle is on the optical axis.
     """
     import numpy as np
 
@@ -191,7 +199,13 @@ def decoded(
         from defocus_core import planar_depth
 
         distance = torch.from_numpy(metres.astype(np.float64))
-        planar = planar_depth(distance, decoding.focal_px, first_row=first_row, height=height)
+        rows, columns = overscan.shown(*(frame or numbers.shape[:2]))
+        planar = planar_depth(
+            distance,
+            decoding.focal_px,
+            first=(first_row - rows.start, -columns.start),
+            size=(rows.stop - rows.start, columns.stop - columns.start),
+        )
         metres = planar.numpy().astype(np.float32)
     for marked, value in ((is_sky, np.inf), (is_marked_invalid, np.nan)):
         pixels = marked(numbers, decoding)

@@ -12,9 +12,9 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.header import Header, Raw, is_exr, read_attributes, read_headers
+from defocus_cli.exr.reading import read_parts
 from defocus_cli.formats.color_space import linear_light, unit
-from defocus_cli.formats.exr import read_parts
-from defocus_cli.formats.exr_header import Header, Raw, is_exr, read_attributes, read_headers
 from defocus_cli.formats.float_maps import is_float_map, read_float_map
 from defocus_cli.formats.kinds import MAPS
 from defocus_cli.formats.raster import Raster, read_pages, read_samples

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.header import is_exr
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
 from defocus_cli.formats.color_space import linear_light, unit
-from defocus_cli.formats.exr import Part, read_parts
-from defocus_cli.formats.exr_channels import ChannelGroup, choose_color
-from defocus_cli.formats.exr_header import is_exr, read_headers
 from defocus_cli.formats.float_maps import is_float_map
 from defocus_cli.formats.raster import Raster, choose_page, read_pages, read_samples
 from defocus_cli.system.arrays import IN_MEMORY, Keeping, bands, count_of
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-_THUMBNAIL = "preview"  # attribute of an EXR header
 BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
 LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
 
@@ -38,12 +36,16 @@ class Color:
     """A decoded colour image.
 
     Attributes:
-        planes: C arrays [H, W], half or float32, scene-linear, alpha premultiplied.
+        planes: arrays [H, W], half or float32, scene-linear, premultiplied: of the C channels, then
+            of the passes.
         channels: names of the C channels: R, G, B or Y, then A if there is one.
+        passes: names of further channels of light, blurred with the picture.
         path: the file.
         attributes: metadata for the output to carry: `Raw` of an EXR file, `Tag` of others.
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
-        corner: x and y of the first pixel, for an EXR output to be where the input is.
+        pixel_aspect: width of a pixel by its height.
+        corner: x and y of the first pixel shown, for an EXR output to be where the input is.
+        overscan: pixels of the planes and the extras beyond the picture shown.
         note: how the samples were read, in words.
         warnings: what of the file was not applied, in words.
         left_out: parts of the EXR file that no output can carry, in words.
@@ -54,23 +56,44 @@ class Color:
     path: Path
     attributes: Mapping[str, object] = field(default_factory=dict)
     extras: dict[str, Any] = field(default_factory=dict)
+    pixel_aspect: float = 1.0
     corner: tuple[int, int] = (0, 0)
+    overscan: Overscan = NO_OVERSCAN
+    passes: tuple[str, ...] = ()
     note: str = ""
     warnings: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(height, width, C)."""
+        """(height, width, number of planes)."""
         height, width = self.planes[0].shape
         return height, width, len(self.planes)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture shown, in px."""
+        rows, columns = self.overscan.shown(*self.planes[0].shape)
+        return columns.stop - columns.start, rows.stop - rows.start
+
+    @property
+    def alpha(self) -> Any:
+        """The plane of alpha [H, W]; None if there is none."""
+        return self.planes[len(self.channels) - 1] if self.channels[-1] == "A" else None
+
+    @property
+    def light(self) -> tuple[Any, ...]:
+        """The planes of the picture's colour [H, W], without alpha."""
+        return self.planes[: len(self.channels) - (self.channels[-1] == "A")]
 
     @property
     def pixels(self) -> NDArray[np.float32]:
         """The whole image, float32 [H, W, C]."""
         import numpy as np
 
-        return np.stack([plane[:] for plane in self.planes], axis=2, dtype=np.float32)
+        return np.stack(
+            [plane[:] for plane in self.planes[: len(self.channels)]], axis=2, dtype=np.float32
+        )
 
 
 def read_color(
@@ -78,7 +101,10 @@ def read_color(
     *,
     layer: str | None = None,
     part: int | None = None,
+    view: str | None = None,
     keeping: Keeping = IN_MEMORY,
+    overscan: Overscan = NO_OVERSCAN,
+    blur_channels: Sequence[str] = (),
 ) -> Color:
     """Decode a colour image.
 
@@ -86,7 +112,10 @@ def read_color(
         path: an EXR, HDR, PNG, JPEG or TIFF file.
         layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
         part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
+        view: which view of an EXR file of several; None for its default one.
         keeping: where the pixels are to be kept.
+        overscan: pixels of an EXR file beyond its display window that are read, too.
+        blur_channels: names or patterns of the further channels of an EXR file that are light.
 
     Raises:
         InputError: the file cannot be read, or has no colour or several to choose from.
@@ -94,7 +123,17 @@ def read_color(
     """
     head = read_head(path)
     if is_exr(head):
-        return _from_exr(path, layer, part, keeping)
+        from defocus_cli.formats.exr_color import read_exr_color
+
+        return read_exr_color(
+            path,
+            layer=layer,
+            part=part,
+            view=view,
+            blur_channels=blur_channels,
+            keeping=keeping,
+            overscan=overscan,
+        )
     if path.suffix.lower() == ".exr":
         raise InputError(path, "is not an OpenEXR file", "check what wrote it")
     if is_float_map(head):
@@ -102,6 +141,8 @@ def read_color(
         raise InputError(path, problem, "use EXR, PNG, JPEG, TIFF or HDR for colour")
     if layer is not None:
         raise UsageProblem("--color-layer", f"{path} has no layers", "leave it out")
+    if blur_channels:
+        raise UsageProblem("--blur-channels", f"{path} has no further channels", "leave it out")
     return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
 
 
@@ -134,82 +175,6 @@ def require_finite(color: Color) -> None:
         raise InputError(color.path, f"{problem} {first_infinite}", remedy)
     problem = f"is beyond ±{BRIGHTEST:g} in {counted(count, 'pixel')}, the first at {first}"
     raise InputError(color.path, problem, "scale it: light has no unit here")
-
-
-def _from_exr(path: Path, layer: str | None, part: int | None, keeping: Keeping) -> Color:
-    headers = read_headers(path)
-    chosen = choose_color(path, headers, layer=layer, part=part)
-    parts = read_parts(path, headers, keeping)
-    planes = parts[chosen.header.index].channels
-    extras, left_out = _extras(parts, chosen)
-    return Color(
-        planes=_one_type([planes[name] for name in chosen.channels.values()], keeping),
-        channels=tuple(chosen.channels),
-        path=path,
-        attributes={k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL},
-        extras=extras,
-        corner=(chosen.header.display.x0, chosen.header.display.y0),
-        note=_exr_note(chosen),
-        warnings=_missing(chosen),
-        left_out=left_out,
-    )
-
-
-def _exr_note(chosen: ChannelGroup) -> str:
-    names = chosen.channels.values()
-    kinds = {channel.type for channel in chosen.header.channels if channel.name in names}
-    thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in chosen.header.attributes)
-    notes = f"EXR {' and '.join(sorted(kinds))}, linear", chosen.header.cut_note, thumbnail
-    return ", ".join(filter(None, notes))
-
-
-def _missing(chosen: ChannelGroup) -> tuple[str, ...]:
-    """A warning of the part of the frame without pixels, which is black; with alpha it is none."""
-    header = chosen.header
-    if "A" in chosen.channels or header.data.covers(header.display):
-        return ()
-    return (f"black outside its data window {header.data}; render the whole display window",)
-
-
-def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
-    """Channels of one type: half if all are half, else float32."""
-    import numpy as np
-
-    if all(plane.dtype == np.float16 for plane in planes):
-        return tuple(planes)
-    floats = []
-    for plane in planes:
-        if plane.dtype != np.float32:
-            native, plane = plane, keeping.new(plane.shape, np.float32)
-            for rows in bands(plane.shape):
-                plane[rows] = native[rows]
-        floats.append(plane)
-    return tuple(floats)
-
-
-def _extras(
-    parts: Sequence[Part], chosen: ChannelGroup
-) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Channels beside the chosen layer, and in words the parts that the output cannot carry.
-
-    A channel is called PART.NAME where its plain name is taken.
-    """
-    size = (chosen.header.display.width, chosen.header.display.height)
-    extras: dict[str, NDArray[Any]] = {}
-    left_out = []
-    for part in sorted(parts, key=lambda p: p.header.index != chosen.header.index):
-        display = part.header.display
-        if part.header.deep or (display.width, display.height) != size:
-            why = "which is deep" if part.header.deep else "which is of another size"
-            left_out.append(f"part {part.header.label}, {why}, left out")
-            continue
-        is_of_color = part.header.index == chosen.header.index
-        for name, plane in part.channels.items():
-            if is_of_color and name in chosen.channels.values():
-                continue
-            taken = name in extras or name in chosen.channels
-            extras[f"{part.header.label}.{name}" if taken else name] = plane
-    return extras, tuple(left_out)
 
 
 def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:

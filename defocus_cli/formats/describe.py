@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from defocus_cli.exr.header import is_exr, read_headers
+from defocus_cli.exr.views import views_of_parts
 from defocus_cli.formats.bare_arrays import bare_type, read_bare
 from defocus_cli.formats.containers import container_type, read_entries
-from defocus_cli.formats.exr_header import is_exr, read_headers
 from defocus_cli.formats.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_cli.formats.photo_depth import is_heic, read_heic
 from defocus_cli.formats.raster import read_pages
@@ -27,6 +28,10 @@ class PartInfo:
         channels: as (name, type).
         deep: whether its pixels are deep.
         whole: whether it is no thumbnail or mask of another one.
+        views: of an EXR of several cameras, the views that the part has channels of.
+        data_window: of an EXR, x and y of its first and last pixel; None of other files.
+        display_window: the same of the picture shown.
+        pixel_aspect: width of a pixel by its height.
     """
 
     index: int
@@ -34,6 +39,10 @@ class PartInfo:
     channels: tuple[tuple[str, str], ...]
     deep: bool
     whole: bool = True
+    views: tuple[str, ...] = ()
+    data_window: tuple[int, ...] | None = None
+    display_window: tuple[int, ...] | None = None
+    pixel_aspect: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,7 @@ class FileInfo:
         height: in px.
         parts: one, except in some EXR and TIFF files.
         at_once: whether its decoder may hold all of it; else it is read in pieces.
+        pixels: as many as are read at most, with those beyond the picture shown.
     """
 
     path: Path
@@ -53,6 +63,11 @@ class FileInfo:
     height: int
     parts: tuple[PartInfo, ...]
     at_once: bool
+    pixels: int = 0
+
+    def __post_init__(self) -> None:
+        """Without overscan the pixels are those shown."""
+        object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
 
 
 def describe(path: Path) -> FileInfo:
@@ -65,11 +80,23 @@ def describe(path: Path) -> FileInfo:
     if is_exr(head):
         headers = read_headers(path)
         parts = tuple(
-            PartInfo(h.index, h.name, tuple((c.name, c.type) for c in h.channels), h.deep)
-            for h in headers
+            PartInfo(
+                header.index,
+                header.name,
+                tuple((channel.name, channel.type) for channel in header.channels),
+                header.deep,
+                views=views,
+                data_window=header.data,
+                display_window=header.display,
+                pixel_aspect=header.pixel_aspect,
+            )
+            for header, views in zip(headers, views_of_parts(headers), strict=True)
         )
         shown = headers[0].display
-        return FileInfo(path, shown.width, shown.height, parts, at_once=False)
+        frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
+        most = max(frame.width * frame.height for frame in frames)
+        at_once = any(header.subsampled for header in headers)
+        return FileInfo(path, shown.width, shown.height, parts, at_once, most)
     if head.startswith(NPY_MAGIC):
         values = read_npy(path, integers=True)
         return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)

@@ -16,8 +16,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.windows import Layout
+from defocus_cli.exr.writing import as_half, clamped_half, write_exr
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
-from defocus_cli.formats.exr import clamped_half, write_exr
 from defocus_cli.formats.tags import Tag, set_tag
 from defocus_cli.system.arrays import Stack, bands
 from defocus_cli.system.console import counted
@@ -50,7 +51,7 @@ def write_image(
     jpeg_quality: int = 95,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
-    corner: tuple[int, int] = (0, 0),
+    layout: Layout | None = None,
     clamped: int = 0,
 ) -> list[str]:
     """Write an image.
@@ -65,7 +66,7 @@ def write_image(
         jpeg_quality: 1 to 100.
         attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
         extras: further EXR channels, written with their own types; other formats drop them.
-        corner: x and y of an EXR's first pixel.
+        layout: where the pixels of an EXR lie.
         clamped: pixels that had to be clamped to be half.
 
     Returns:
@@ -78,10 +79,10 @@ def write_image(
     if path.suffix.lower() == ".exr":
         planes = _planes(pixels)
         if exr_type == "half" and pixels.dtype == "f4":
-            clamped, planes = _beyond_half(pixels), [_Half(plane) for plane in planes]
+            clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
         kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
-        write_exr(path, {**(extras or {}), **named}, kept, corner)
+        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout())
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
@@ -181,24 +182,28 @@ def write_samples(
     Raises:
         InputError: the file cannot be written.
     """
+    with (
+        encoded_samples(path, size, samples, codec, attributes) as memory,
+        written_whole(path) as file,
+        memory.open("rb") as encoded,
+    ):
+        shutil.copyfileobj(encoded, file, _BLOCK)
+
+
+@contextmanager
+def encoded_samples(
+    path: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str | Tag],
+) -> Iterator[Path]:
+    """A file in memory with what `write_samples` writes to ``path``."""
     with _memory(path) as memory:
         if error := _encoder_error(memory, size, iter(samples), codec, attributes):
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
             raise InputError(path, problem, "write EXR instead")
-        with written_whole(path) as file, memory.open("rb") as encoded:
-            shutil.copyfileobj(encoded, file, _BLOCK)
-
-
-class _Half:
-    """A float32 array [H, W] as half, clamped."""
-
-    def __init__(self, whole: Any) -> None:
-        import numpy as np
-
-        self._whole, self.shape, self.dtype = whole, whole.shape, np.dtype(np.float16)
-
-    def __getitem__(self, rows: slice) -> NDArray[np.float16]:
-        return clamped_half(self._whole[rows])[0]
+        yield memory
 
 
 def _planes(pixels: Any) -> list[Any]:

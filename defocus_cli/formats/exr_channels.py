@@ -7,9 +7,11 @@ candidates are an error that lists them in the very form the option takes.
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.kinds import MAPS
 from defocus_cli.system.errors import InputError
@@ -18,10 +20,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from defocus_cli.formats.exr_header import Header
+    from defocus_cli.exr.header import Channel, Header
 
-_FLATTEN = "flatten it first, for example with oiiotool --flatten"
-_NEARLY_SQUARE = 1e-3  # allowed relative difference of the sides of a pixel
+# Names of colour, and of the layer that holds the whole picture beside its passes.
+_LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}
+_WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
+_ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
 
 
 class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
@@ -35,7 +39,8 @@ class ChannelGroup:
     Attributes:
         header: the part that they are in.
         name: as ``--color-layer`` or ``--depth-channel`` has it inside its part.
-        channels: of a colour layer, canonical name (R, G, B, A or Y) to the name in the file.
+        channels: canonical name to the name in the file: R, G, B or Y, with RY and BY if there is
+            chroma, then A; the name of a depth channel to itself.
         default: whether it is the part's colour layer of plain names, without a prefix.
     """
 
@@ -43,6 +48,11 @@ class ChannelGroup:
     name: str
     channels: Mapping[str, str] = field(default_factory=dict)
     default: bool = False
+
+    @property
+    def source(self) -> str:
+        """The name in the file of a lone channel."""
+        return next(iter(self.channels.values()))
 
 
 def choose_color(
@@ -53,27 +63,30 @@ def choose_color(
     Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
 
     Raises:
-        InputError: there is none, or several; or its pixels are not square.
+        InputError: there is none, or several; or its pixels are of an aspect that none has.
     """
     chosen = _chosen_color(path, headers, layer, part)
-    aspect = chosen.header.pixel_aspect
-    if not abs(aspect - 1) <= _NEARLY_SQUARE:
+    aspect, (least, most) = chosen.header.pixel_aspect, _ASPECTS
+    if not least <= aspect <= most:
         problem = f"has pixels {aspect:g} times as wide as high"
-        raise InputError(path, problem, "resample it to square pixels: a lens blurs in circles")
+        raise InputError(path, problem, f"resample it to pixels of {least:g} to {most:g} times")
     return chosen
 
 
 def _chosen_color(
     path: Path, headers: Sequence[Header], layer: str | None, part: int | None
 ) -> ChannelGroup:
-    searched = _flat(path, _headers_of_part(path, headers, part))
+    searched = _flat(_headers_of_part(path, headers, part))
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
         return _named(path, layers, layer, "colour layer", "--color-layer")
-    candidates = [each for each in layers if "R" in each.channels] or layers
-    default = [c for c in candidates if c.default]
-    if len(default) == 1:
-        return default[0]
+    candidates = [each for each in layers if {"R", "RY"} & each.channels.keys()] or layers
+    for known in (
+        [c for c in candidates if c.default],
+        [c for c in candidates if _is_whole_picture(c)],
+    ):
+        if len(known) == 1:
+            return known[0]
     if not candidates:
         problem = f"has no colour channels (R, G, B or Y), only {_listing(searched)}"
         raise InputError(path, problem, "name a file that has them")
@@ -89,7 +102,7 @@ def choose_depth(
         NoDepthChannel: none of the channels is known to be depth.
         InputError: the channel or part is not there, or several channels could be the depth.
     """
-    searched = _flat(path, _headers_of_part(path, headers, part))
+    searched = _flat(_headers_of_part(path, headers, part))
     every = channels_of(path, headers, part)
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
@@ -111,10 +124,44 @@ def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list
     """All channels of a file, or of one of its parts, in the order of the file.
 
     Raises:
-        InputError: the part is not there, or all is deep.
+        InputError: the part is not there.
     """
-    searched = _flat(path, _headers_of_part(path, headers, part))
-    return [ChannelGroup(header, c.name) for header in searched for c in header.channels]
+    searched = _flat(_headers_of_part(path, headers, part))
+    return _each(searched)
+
+
+def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str]) -> tuple[str, ...]:
+    """The channels beside the colour that patterns name, in the order of the file.
+
+    A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
+
+    Args:
+        path: the file.
+        extras: its channels beside the colour by name.
+        patterns: names of channels, or patterns like ``diffuse.*``, of any case.
+
+    Raises:
+        InputError: a pattern names no channel of light.
+    """
+    light = [name for name, plane in extras.items() if not _is_data(name, plane)]
+    for pattern in patterns:
+        folded = pattern.casefold()
+        if not any(fnmatchcase(name.casefold(), folded) for name in light):
+            isnt = any(fnmatchcase(name.casefold(), folded) for name in extras)
+            problem = f"has no channel {pattern} of light beside its colour"
+            if isnt:
+                problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
+            known = f"it has {', '.join(light[:40])}" if light else "it has none"
+            raise InputError(path, problem, f"check --blur-channels: {known}")
+    folded_patterns = [pattern.casefold() for pattern in patterns]
+    return tuple(
+        name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
+    )
+
+
+def _is_data(name: str, plane: Any) -> bool:
+    """Whether a channel holds depth, or whole numbers like those of objects."""
+    return plane.dtype.kind in "iu" or _last(name).lower() in ("z", "zback", "depth")
 
 
 def require_part(path: Path, part: int, count: int) -> None:
@@ -137,29 +184,45 @@ def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) ->
     return headers[part : part + 1]
 
 
-def _flat(path: Path, headers: Sequence[Header]) -> list[Header]:
-    flat = [header for header in headers if not header.deep]
-    if not flat:
-        raise InputError(path, "holds deep data, which has no single colour or depth", _FLATTEN)
-    return flat
+def _flat(headers: Sequence[Header]) -> Sequence[Header]:
+    """The parts that are not deep; all if none is flat."""
+    return [header for header in headers if not header.deep] or headers
 
 
 def _color_layers(header: Header) -> Iterable[ChannelGroup]:
-    layers: dict[str, list[str]] = defaultdict(list)
+    layers: dict[str, list[Channel]] = defaultdict(list)
     for channel in header.channels:
-        layers[channel.name.rpartition(".")[0]].append(channel.name)
-    for prefix, names in layers.items():
-        bases = {_last(name).upper(): name for name in names}
-        bases |= {_last(name): name for name in names}
+        layers[channel.plain.rpartition(".")[0]].append(channel)
+    for prefix, members in layers.items():
+        bases: dict[str, str] = {}
+        for fold in (lambda base: _LONG_NAMES.get(base.upper(), ""), str.upper, str):
+            bases |= {fold(_last(channel.plain)): channel.name for channel in members}
         if {"R", "G", "B"} <= bases.keys():
-            wanted = "RGBA"
-        elif "Y" in bases and not bases.keys() & {"X", "RY", "BY"}:  # no vector, no chroma
-            wanted = "YA"
+            wanted = ["R", "G", "B", "A"]
+        elif {"Y", "RY", "BY"} <= bases.keys():
+            wanted = ["Y", "RY", "BY", "A"]
+        elif "Y" in bases and not bases.keys() & {"X", "RY", "BY"}:  # no vector, no lone chroma
+            wanted = ["Y", "A"]
         else:
             continue
         channels = {c: bases[c] for c in wanted if c in bases}
         name = prefix or "".join(channels).removesuffix("A")
         yield ChannelGroup(header, name, channels, default=not prefix)
+
+
+def _is_whole_picture(layer: ChannelGroup) -> bool:
+    """Whether the name of a layer or of its part says that it is no single pass."""
+    words = re.split(r"[._\- ]", f"{layer.header.name}.{layer.name}".lower())
+    return not _WHOLE_PICTURE.isdisjoint(words)
+
+
+def _each(headers: Iterable[Header]) -> list[ChannelGroup]:
+    """Every channel alone."""
+    return [
+        ChannelGroup(header, channel.plain, {channel.plain: channel.name})
+        for header in headers
+        for channel in header.channels
+    ]
 
 
 def _is_depth(candidate: ChannelGroup) -> bool:
@@ -169,7 +232,7 @@ def _is_depth(candidate: ChannelGroup) -> bool:
         return True
     if base.lower() not in {"z", "v"} or (layer and _last(layer).lower() != "depth"):
         return False
-    siblings = {channel.name for channel in candidate.header.channels}
+    siblings = {channel.plain for channel in candidate.header.channels}
     dot = f"{layer}." if layer else ""
     vector = {f"{dot}X", f"{dot}Y", f"{dot}Z"} <= siblings or {f"{dot}U", f"{dot}V"} <= siblings
     return not vector
@@ -218,7 +281,7 @@ def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
 
 def _listing(headers: Sequence[Header]) -> str:
     """The channels of ``headers``, for a message."""
-    every = [ChannelGroup(header, c.name) for header in headers for c in header.channels]
+    every = _each(headers)
     shown = _labels(every[:40])
     more = len(every) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")

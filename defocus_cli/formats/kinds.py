@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.system.errors import UsageProblem
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -32,6 +34,7 @@ class Kind:
             dual-pixel disparity of a radius of a px; its preview is orange below 0, white at 0 and
             blue above 0. None of a kind that is rendered: it is the
             attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
+        views: of an image of several, the kinds that are the views of its one EXR file.
         of_picture: whether it is an image made of the colours and the radii, without rendering.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
@@ -42,6 +45,7 @@ class Kind:
     image: bool = False
     halves: bool = False
     of_radius: Callable[[NDArray[Any], float], NDArray[Any]] | None = None
+    views: tuple[str, ...] = ()
     of_picture: bool = False
     title: str = ""
     unit: str = ""
@@ -60,7 +64,16 @@ class Kind:
         """
         if not self.rendered:  # computed from the radii while it is written
             return 0
-        return channels * sample_bytes if self.image else 4
+        return channels * len(self.rendered_as) * sample_bytes if self.image else 4
+
+    @property
+    def rendered_as(self) -> tuple[str, ...]:
+        """The attributes of `defocus_core.Views` that the file holds."""
+        return self.views or (self.name,)
+
+    def suffix(self, image_format: str) -> str:
+        """The suffix of its files where images are of a format."""
+        return SUFFIXES[image_format] if self.image and not self.views else ".exr"
 
 
 _ROWS = (
@@ -87,6 +100,13 @@ _ROWS = (
         title="trust map (share of the lens that saw what the picture holds)",
     ),
     Kind(
+        "multiview",
+        "left and right as the views of one EXR",
+        image=True,
+        halves=True,
+        views=("left", "right"),
+    ),
+    Kind(
         "focus",
         "the picture in false colour, sharp green, nearer orange, beyond blue",
         image=True,
@@ -101,3 +121,20 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 # Types of image files, and the suffix of each.
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
+
+
+def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The kinds of output with left and right in one file.
+
+    Args:
+        kinds: as they were asked for.
+        where: option or key that asks for one file, for errors.
+
+    Raises:
+        UsageProblem: left or right is not among them.
+    """
+    row = KINDS["multiview"]
+    if missing := [view for view in row.views if view not in kinds]:
+        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
+        raise UsageProblem(where, problem, "name both, like left,right")
+    return (*(kind for kind in kinds if kind not in row.views), row.name)

@@ -15,7 +15,7 @@ from defocus_cli.formats.color_space import ColorSpace, color_space
 from defocus_cli.formats.exr_channels import require_part
 from defocus_cli.formats.tags import Tag, tags_of
 from defocus_cli.system.arrays import bands
-from defocus_cli.system.errors import InputError, one_line, reason
+from defocus_cli.system.errors import InputError, first_line, reason
 from defocus_cli.system.interrupts import put_off
 from defocus_cli.system.safe_files import check_size, quiet, read_head
 
@@ -254,11 +254,3 @@ def _canonical(spec: Any) -> Iterator[str]:
             yield "Y"
         else:
             yield name
-
-
-def first_line(path: Path, text: str) -> str:
-    """First line of what OpenImageIO says, short enough for a message that names the file."""
-    for named in (f' ("{path}")', f" ({path})", f"{path}: ", f": {path}"):
-        text = text.replace(named, "")
-    lines = text.replace(f'"{path}"', "it").strip().splitlines() or ["no reason given"]
-    return one_line(lines[0]).rstrip(".")[:120]

@@ -12,9 +12,11 @@ from pathlib import Path
 from defocus_cli.batch import run
 from defocus_cli.batch.plan import Execution
 from defocus_cli.batch.run import Listener, Summary
+from defocus_cli.compare.thresholds import matches
 from defocus_cli.jobs.job import Job, Machine, Outputs
 from defocus_cli.jobs.jobs_file import read_jobs
 from defocus_cli.system.arrays import scratch_folder
+from defocus_cli.system.errors import UsageProblem
 
 
 @dataclass(frozen=True)
@@ -39,18 +41,43 @@ class Rendered:
 
 @contextmanager
 def rendered(
-    jobs_file: Path, machine: Machine, execution: Execution, listener: Listener
+    jobs_file: Path,
+    machine: Machine,
+    execution: Execution,
+    listener: Listener,
+    only: Sequence[str] = (),
 ) -> Iterator[Rendered]:
-    """Render all jobs of a jobs file to a folder that is there in the block.
+    """Render the jobs of a jobs file to a folder that is there in the block.
+
+    Args:
+        jobs_file: the jobs file.
+        machine: how to compute.
+        execution: how the batch is carried out.
+        listener: receives its events.
+        only: patterns of pictures; jobs that write none of them are left out. Empty for all.
 
     Raises:
         InputError: the jobs file or a picture cannot be read, or there is no room.
-        UsageProblem: the jobs file makes no sense.
+        UsageProblem: the jobs file makes no sense, or no picture matches a pattern.
     """
     root = Path(tempfile.mkdtemp(prefix="defocus-golden-", dir=scratch_folder()))
     try:
-        jobs = read_jobs(jobs_file, Outputs(root), machine)
+        jobs = _chosen(read_jobs(jobs_file, Outputs(root), machine), only)
         summary = run.carry_out(jobs, root, execution, listener)
         yield Rendered(jobs, root, summary)
     finally:
         shutil.rmtree(root, ignore_errors=True)
+
+
+def _chosen(jobs: Sequence[Job], only: Sequence[str]) -> Sequence[Job]:
+    """The jobs that write a picture whose name matches one of the patterns, if there are any."""
+    for pattern in only:
+        if not any(matches(name, pattern) for job in jobs for name in job.names.values()):
+            problem = f"'{pattern}' matches no picture of the jobs"
+            raise UsageProblem("--only", problem, "name one like render/spheres.exr, or 'render/*'")
+    wanted = [
+        job
+        for job in jobs
+        if any(matches(name, pattern) for name in job.names.values() for pattern in only)
+    ]
+    return wanted if only else jobs

@@ -6,8 +6,8 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,18 @@ class Store:
     Attributes:
         folder: the folder.
         samples: by sample, how its pictures were made: settings, versions, machine, files.
+        aside: samples that are neither looked at nor changed.
     """
 
     folder: Path
     samples: Mapping[str, Mapping[str, Any]]
+    aside: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def only(self, names: Collection[str]) -> Store:
+        """The samples of these names; the others are put aside."""
+        chosen = {name: sample for name, sample in self.samples.items() if name in names}
+        others = {name: sample for name, sample in self.samples.items() if name not in names}
+        return Store(self.folder, chosen, others)
 
     def changed_settings(self, jobs: Sequence[Job]) -> list[str]:
         """The settings of jobs that differ from those of their goldens, a line for each."""
@@ -107,7 +115,7 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
         except OSError as error:
             raise unwritable(path, error) from error
     written = {record.name for record in changed if record.status != MISSING}
-    samples = {}
+    samples = {name: dict(sample) for name, sample in store.aside.items()}
     for job in jobs:
         files = sorted(job.names.values())
         stored = store.samples.get(job.sample_id)

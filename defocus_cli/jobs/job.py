@@ -14,13 +14,14 @@ from typing import Any
 
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.sidecars import files_beside
-from defocus_cli.formats.kinds import KINDS, PREVIEW, SUFFIXES, Kind
+from defocus_cli.formats.kinds import KINDS, PREVIEW, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
 
 QUALITIES = ("draft", "standard", "high", "reference")
-DEPTH_REPAIRS = ("auto", "off")
 DEVICES = ("auto", "cpu", "cuda")
 DUAL_PIXEL_MODELS = ("split", "smooth")
+FRAME_ROLE = "frame"  # of other frames among the inputs
+OTHERS = ("hidden", "over")  # pictures that belong to another one
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -28,20 +29,34 @@ TILES = (16, 1 << 14)  # px; of defocus_core, too
 class Picture:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both.
 
-    `hidden` is a picture of what lies behind the visible surface, where that is known.
+    Attributes:
+        stem: its name.
+        color: its colour file.
+        depth: its depth file; of a plate that has none its colour file.
+        hidden: a picture of what lies behind the visible surface, where that is known.
+        over: the plate that it lies over, if it is an element.
+        frame: its number in a shot.
     """
 
     stem: str
     color: Path
     depth: Path
     hidden: Picture | None = None
+    over: Picture | None = None
+    frame: int | None = None
+
+    @property
+    def others(self) -> dict[str, Picture]:
+        """The pictures of the same scene that belong to it, by role: hidden, over."""
+        found = {role: getattr(self, role) for role in OTHERS}
+        return {role: picture for role, picture in found.items() if picture is not None}
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its files by role: color, depth; hidden_color, hidden_depth if it has any."""
+        """Its files by role: color, depth; hidden_color, hidden_depth, over_color, … if any."""
         files = {"color": self.color, "depth": self.depth}
-        if self.hidden is not None:
-            files |= {"hidden_color": self.hidden.color, "hidden_depth": self.hidden.depth}
+        for role, other in self.others.items():
+            files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
         return files
 
 
@@ -137,9 +152,18 @@ EFFECTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(DepthReading):
-    """What to take from the input files, and how to read it."""
+    """What to take from the input files, and how to read it.
+
+    Attributes:
+        color_layer: colour layer of an EXR.
+        depth_repair: auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px.
+        edge_width: px of the widest soft edges of depth, 0 if none are soft; None: as found.
+    """
 
     color_layer: str | None = None
+    depth_repair: str = "auto"
+    edge_width: float | None = None
+    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
 
 
 @dataclass(frozen=True)
@@ -153,6 +177,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
     def rows(self) -> list[Kind]:
@@ -166,8 +191,7 @@ class Outputs:
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
-        suffix = SUFFIXES[self.format]
-        names = {k.name: f"{k.name}/{stem}{suffix if k.image else '.exr'}" for k in self.rows}
+        names = {k.name: f"{k.name}/{stem}{k.suffix(self.format)}" for k in self.rows}
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
@@ -175,18 +199,59 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. ``quality`` or ``tolerance``, and ``depth_repair``, decide the pictures.
+    """How to compute. ``quality`` or ``tolerance`` decide the pictures.
 
     ``tile`` changes their last digits, too; the other fields change nothing in them.
     """
 
     quality: str = "standard"
     tolerance: float | None = None  # px of CoC radius, instead of a quality
-    depth_repair: str = "auto"  # off: depth is used as it is read
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available
     tile: int | None = None  # px on a side of a tile; None: the renderer's own
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A frame of a shot, and the lens that takes it."""
+
+    picture: Picture
+    lens: Lens
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The frames of a shot that decide, besides its own, what a picture looks like.
+
+    Attributes:
+        sample: frames by which is decided for all of the shot how depth is repaired and where a
+            focus lies that the depth decides; empty if each frame decides for itself.
+        window: the frame and its neighbours, ascending: their depth is averaged where the scene is
+            still, and with motion vectors they show what is hidden.
+        focus: frames whose focus is averaged for the focus of this one; empty for its own.
+        motion: layer of motion vectors in the files; None if there is none.
+    """
+
+    sample: tuple[Taken, ...] = ()
+    window: tuple[Picture, ...] = ()
+    focus: tuple[Taken, ...] = ()
+    motion: str | None = None
+
+    @property
+    def pictures(self) -> dict[int, Picture]:
+        """All of these frames by number."""
+        taken = (each.picture for each in (*self.sample, *self.focus))
+        return {int(p.frame): p for p in (*taken, *self.window) if p.frame is not None}
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Their files by role, like frame1001_depth."""
+        return {
+            f"{FRAME_ROLE}{number}_{role}": path
+            for number, picture in sorted(self.pictures.items())
+            for role, path in (("color", picture.color), ("depth", picture.depth))
+        }
 
 
 @dataclass(frozen=True)
@@ -199,14 +264,15 @@ class Job:
     outputs: Outputs
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
+    shot: Shot | None = None
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its inputs by role: those of the picture, and those beside its depth that are there."""
+        """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
         files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
         if self.lens.aperture_image is not None and self.outputs.need_rendering:
             files["aperture_image"] = self.lens.aperture_image
-        return files
+        return files if self.shot is None else files | self.shot.files
 
     @property
     def lens_focal(self) -> float | None:

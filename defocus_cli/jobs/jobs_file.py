@@ -3,13 +3,16 @@
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
+  [animate]   keys of lens options by frame, see `defocus_cli.jobs.animation`; ``file``, files of
+              keys; ``interpolation``
+  [shot]      steady, focus-smooth, motion: what frames have in common, see `defocus_cli.jobs.shots`
   [sweep]     lists, grids and ranges of lens options, see `defocus_cli.jobs.sweep`
   [sample]    random lenses, see `defocus_cli.jobs.random_lenses`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-format and the other options of reading, see `defocus_cli.jobs.reading_options`
   [outputs]   kinds, format, exr-type, jpeg-quality, preview
-  [machine]   quality, or tolerance, like "1px"; depth-repair, "auto" or "off"
+  [machine]   quality, or tolerance, like "1px"; depth-repair may stand here instead
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
 not.
@@ -19,12 +22,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
-from defocus_cli.jobs.inputs import read_inputs
-from defocus_cli.jobs.job import DEPTH_REPAIRS, QUALITIES, Job, Machine, Outputs, Reading
+from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES, in_one_file
+from defocus_cli.jobs.inputs import read_inputs, read_whole_shot
+from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading
 from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
@@ -33,10 +37,12 @@ from defocus_cli.jobs.reading_options import (
     make_reading,
     reading_values,
 )
+from defocus_cli.jobs.shot_lenses import animated, read_animation_table
+from defocus_cli.jobs.shots import read_together, with_shot
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_cli.system.errors import UsageProblem
 
-TABLES = ("inputs", "lens", "sweep", "sample", "reading", "outputs", "machine")
+TABLES = ("inputs", "lens", "animate", "shot", "sweep", "sample", "reading", "outputs", "machine")
 MOST_JOBS = 10_000_000
 
 
@@ -56,30 +62,56 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     stored = read_toml(path, what="jobs file", remedy=remedy)
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
-    reading = _reading(named["reading"], named["lens"])
+    reading = _reading(named["reading"], named["lens"], named["machine"])
     plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
-    entries = read_inputs(named["inputs"])
+    animation = read_animation_table(named["animate"])
+    entries = read_inputs(named["inputs"], animation.frames)
+    entries = animated(entries, animation, plan, named["lens"], reading)
     if len(entries) * plan.count > MOST_JOBS:
         problem = f"asks for {len(entries) * plan.count} pictures"
         raise UsageProblem(path, problem, f"split it into files of at most {MOST_JOBS}")
-    return [
+    jobs = [
         Job(entry.picture, lens, reading, outputs, machine, suffix)
         for entry in entries
         for suffix, lens in plan.lenses(entry)
     ]
+    together = read_together(named["shot"])
+    every = read_whole_shot(named["inputs"])
+    by_frame = {each.picture.frame: each for each in every}
+
+    @cache
+    def lenses(frame: int | None) -> dict[str, Lens]:
+        (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
+        return dict(plan.lenses(entry))
+
+    return with_shot(
+        jobs,
+        [each.picture for each in every],
+        lambda picture, suffix: lenses(picture.frame)[suffix],
+        together,
+        moving="focus-at" in animation.keys,
+    )
 
 
-def _reading(section: Table, lens: Table) -> Reading:
+def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     """The options of ``[reading]``, over those of the lens file."""
     section.refuse_unknown(NAMES_OF_OPTIONS)
-    below = lens_file_reading(lens_file_of(lens))
-    return make_reading(reading_values(section.values, section.place), below)
+    values = reading_values(section.values, section.place)
+    if "depth-repair" in machine.values:
+        if "depth-repair" in section.values:
+            problem = "stands in [reading], too"
+            raise UsageProblem(machine.place("depth-repair"), problem, "keep one of them")
+        repair = {"depth-repair": machine.values["depth-repair"]}
+        values |= reading_values(repair, machine.place)
+    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(("kinds", "format", "exr-type", "jpeg-quality", "preview"))
+    section.refuse_unknown(
+        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan")
+    )
     name = section.values.get("format")
     if isinstance(name, str):
         aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -90,8 +122,12 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "exr_type": section.choice("exr-type", ("half", "float")),
         "jpeg_quality": section.whole("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
+        "keep_overscan": section.flag("keep-overscan"),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
+    if section.flag("multiview"):
+        kinds = in_one_file(outputs.kinds, section.place("multiview"))
+        outputs = dataclasses.replace(outputs, kinds=kinds)
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"
@@ -115,14 +151,13 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
 
 def _machine(section: Table, machine: Machine) -> Machine:
     section.refuse_unknown(("quality", "tolerance", "depth-repair"))
-    values = {
+    values: dict[str, Any] = {
         "quality": section.choice("quality", QUALITIES),
         "tolerance": section.parsed("tolerance", pixel_count),
     }
     if None not in values.values():
         remedy = "keep one of them"
         raise UsageProblem(section.place("tolerance"), "stands beside quality", remedy)
-    values["depth_repair"] = section.choice("depth-repair", DEPTH_REPAIRS)
     return dataclasses.replace(machine, **_present(values))
 
 

@@ -123,13 +123,20 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in base.items() if name not in lost} | dict(over)
 
 
-def make_lens(flags: Mapping[str, Any], file: Path | None, *, radii: bool = False) -> Lens:
+def make_lens(
+    flags: Mapping[str, Any],
+    file: Path | None,
+    *,
+    radii: bool = False,
+    lacking: Path | None = None,
+) -> Lens:
     """The lens that flags and a lens file describe together; flags win.
 
     Args:
         flags: option name (``focal-length``, …) to parsed value; absent or None where not given.
         file: a lens file, if there is one.
         radii: the depth files hold radii, so that the lens is the shape of its opening alone.
+        lacking: the picture whose metadata do not hold what is missing, for errors.
 
     Raises:
         InputError: the file cannot be read as TOML.
@@ -143,7 +150,7 @@ def make_lens(flags: Mapping[str, Any], file: Path | None, *, radii: bool = Fals
         stored = shape_of(stored)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
-        refuse_missing(values, _DASHES)
+        refuse_missing(values, _DASHES, lacking)
     if options.get("vignetting") and "cat-eye" not in values:
         problem, remedy = "darkens nothing without a rim", "add --cat-eye 1.05:1.5, or leave it out"
         raise UsageProblem("--vignetting", problem, remedy)
@@ -223,8 +230,9 @@ def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
             raise UsageProblem(f"{source}{one}", f"contradicts {dashes}{other}", "give one of them")
 
 
-def refuse_missing(values: Mapping[str, Any], source: str) -> None:
-    """Raise UsageProblem if a required option is missing."""
+def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None = None) -> None:
+    """Raise UsageProblem if a required option is missing, from the metadata of a picture, too."""
+    problem = "is missing" if lacking is None else f"is missing, and not in {lacking} either"
     others = dict(ALTERNATIVES)
     for name, example in _REQUIRED.items():
         other = others.get(name)
@@ -236,7 +244,7 @@ def refuse_missing(values: Mapping[str, Any], source: str) -> None:
         else:
             either = f" or {other}" if other else ""
             remedy = f'write {name} = "{example}"{either} below [lens]'
-        raise UsageProblem(f"{source}{name}", "is missing", remedy)
+        raise UsageProblem(f"{source}{name}", problem, remedy)
 
 
 def refuse_optics(names: Iterable[str], source: str) -> None:

@@ -37,7 +37,8 @@ from defocus_cli.jobs.sweep import Point, read_sweep
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.system.errors import UsageProblem
 
-KEYS = (*PARSERS, "file", "max-coc")
+METADATA = "lens-from-metadata"
+KEYS = (*PARSERS, "file", "max-coc", METADATA)
 
 
 @dataclass(frozen=True)

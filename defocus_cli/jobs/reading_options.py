@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS
+from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_cli.depth_formats.table import NAMES, UNITS
 from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.quantities import (
@@ -106,6 +106,44 @@ def whole(text: str) -> int:
     return int(text)
 
 
+def depth_repair(text: str) -> str:
+    """``auto``, ``off`` or ``soft-edges=SLOPE``."""
+    word, equals, slope = text.strip().lower().partition("=")
+    if (word, equals) == ("soft-edges", "="):
+        try:
+            value = number(slope)
+        except QuantityError:
+            value = -1.0
+        if value >= 0:
+            return f"soft-edges={value:.9g}"
+        problem = f"'{slope}' is no slope of soft edges"
+        raise QuantityError(problem, "write it like soft-edges=0.3, in px of radius per px")
+    if equals or word not in REPAIRS:
+        known = f"choose from {', '.join(REPAIRS)}, soft-edges=SLOPE"
+        raise QuantityError(f"'{text}' is no depth repair", did_you_mean(word, REPAIRS, known))
+    return word
+
+
+def edge_width(text: str) -> float:
+    """A width in the picture, from ``8px`` or ``8``; 0 for hard edges."""
+    px = 0.0 if re.fullmatch(r"\s*0+(\.0*)?\s*(px)?\s*", text, re.I) else pixel_count(text)
+    if px > WIDEST_EDGE:
+        raise QuantityError(f"{px:g} px is a surface, and no edge", f"give {WIDEST_EDGE}px or less")
+    return px
+
+
+REPAIRS = ("auto", "off")
+WIDEST_EDGE = 100  # px; of defocus_core, too
+
+
+def words(text: str) -> tuple[str, ...]:
+    """Words separated by commas or blanks, each once."""
+    found = tuple(dict.fromkeys(text.replace(",", " ").split()))
+    if not found:
+        raise QuantityError(f"'{text}' names nothing", "write it like diffuse.*,specular.*")
+    return found
+
+
 PARSERS: dict[str, Callable[[str], Any]] = {
     "depth-format": format_name,
     "depth-unit": one_of(tuple(UNITS)),
@@ -119,9 +157,14 @@ PARSERS: dict[str, Callable[[str], Any]] = {
     "fov": field_of_view,
     "sky": number,
     "invalid": one_of(INVALID),
-    "resize-depth": one_of(("nearest",)),
+    "resize-depth": one_of(RESIZES),
+    "depth-repair": depth_repair,
+    "edge-width": edge_width,
     "color-layer": str,
+    "blur-channels": words,
     "part": whole,
+    "view": str,
+    "unpremultiply-depth": one_of(UNPREMULTIPLY),
 }
 NAMES_OF_OPTIONS = (*PARSERS, *GEOMETRIES)
 
@@ -162,10 +205,21 @@ def lens_file_reading(file: Path | None) -> dict[str, Any]:
     return reading_values(stored, lambda name: f"{file}: {name}")
 
 
-def make_reading(fields: Mapping[str, Any], below: Mapping[str, Any]) -> Reading:
-    """The reading of the fields that are set, over those of a lens file."""
+def make_reading(
+    fields: Mapping[str, Any], below: Mapping[str, Any], edge_width_place: str = "--edge-width"
+) -> Reading:
+    """The reading of the fields that are set, over those of a lens file.
+
+    Raises:
+        UsageProblem: the width of edges contradicts the repair of depth.
+    """
     options = {name: value for name, value in fields.items() if value is not None}
-    return Reading(**{**below, **options})
+    reading = Reading(**{**below, **options})
+    repair, width = reading.depth_repair, reading.edge_width
+    if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
+        problem = f"of {width:g}px contradicts depth-repair {repair}"
+        raise UsageProblem(edge_width_place, problem, "leave one of them out")
+    return reading
 
 
 def _parsed(name: str, value: object, where: str) -> Any:

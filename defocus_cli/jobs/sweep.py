@@ -31,7 +31,7 @@ from defocus_cli.system.errors import UsageProblem
 MOST_LENSES = 100_000
 _RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
 _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
-_SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
+SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
     "depth": (float, float),
     "steps": (float, float),
     "log": (math.log, math.exp),
@@ -137,7 +137,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
         if wrong:
             raise UsageProblem(where, problem, remedy)
     _refuse_many(count, where)
-    to, back = _SCALES[scale]
+    to, back = SCALES[scale]
     shares = (index / (count - 1) for index in range(1, count - 1))
     between = [back((1 - share) * to(low) + share * to(high)) for share in shares]
     values = [low, *(float(f"{value:.6g}") for value in between), high]

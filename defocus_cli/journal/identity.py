@@ -1,7 +1,7 @@
 """The identity of a job: the hash of its settings and of the bytes of its inputs.
 
 The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
-kinds and types of outputs, quality, whether depth is repaired, the names of its files, and the
+kinds and types of outputs, quality, the names of its files, and the
 version of the renderer. Where it computes (device, threads), where OUT is and what time it is are
 no part of it. The job itself is the hash of its recipe and its inputs.
 
@@ -16,7 +16,7 @@ import errno
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from hashlib import blake2b
 from importlib.util import find_spec
@@ -25,13 +25,15 @@ from runpy import run_path
 from stat import S_ISREG
 from typing import Any
 
-from defocus_cli.jobs.job import Job
+from defocus_cli.jobs.job import Job, Shot, Taken
 from defocus_cli.journal.plain_values import plain
 from defocus_cli.system.console import version
 
 DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
 Stamp = Mapping[str, Any]
+_MOST_STAMPS = 256
+_STAMPS: dict[tuple[object, ...], dict[str, Any]] = {}
 _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
 
 
@@ -49,8 +51,24 @@ def settings(job: Job) -> dict[str, Any]:
         "outputs": outputs,
         "quality": job.machine.quality,
         **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
-        **({} if job.machine.depth_repair == "auto" else {"depth_repair": "off"}),
         **({} if job.machine.tile is None else {"tile": job.machine.tile}),
+        **({} if job.shot is None else {"shot": shot_settings(job.shot, job.picture.frame)}),
+    }
+
+
+def shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
+    """What a job takes of its shot, by frame; the files of the frames are inputs."""
+
+    def taken(frames: Sequence[Taken]) -> list[Any]:
+        lenses = ({k: v for k, v in _plain(f.lens).items() if k != "focus_source"} for f in frames)
+        return [[f.picture.frame, lens] for f, lens in zip(frames, lenses, strict=True)]
+
+    return {
+        "frame": frame,
+        "sample": taken(shot.sample),
+        "window": [picture.frame for picture in shot.window],
+        "focus": taken(shot.focus),
+        **({} if shot.motion is None else {"motion": shot.motion}),
     }
 
 
@@ -108,9 +126,17 @@ def settled_stamp(path: Path) -> dict[str, Any]:
     Raises:
         OSError: the file cannot be read.
     """
+    status = path.stat()
+    key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+    if key in _STAMPS:  # frames of a shot share files
+        return dict(_STAMPS[key])
     settled = stamp(path)
     if abs(time.time_ns() - settled["mtime_ns"]) < CLOCK_TICK:
         del settled["mtime_ns"]
+    elif settled["mtime_ns"] == status.st_mtime_ns:
+        _STAMPS[key] = dict(settled)
+        while len(_STAMPS) > _MOST_STAMPS:
+            _STAMPS.pop(next(iter(_STAMPS)))
     return settled
 
 

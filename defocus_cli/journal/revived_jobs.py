@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import (
+    FRAME_ROLE,
+    OTHERS,
+    Job,
+    Lens,
+    Machine,
+    Outputs,
+    Picture,
+    Reading,
+    Shot,
+    Taken,
+)
 from defocus_cli.journal.journal import Record
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.journal.plain_values import typed
@@ -35,18 +47,22 @@ def revived(record: Record, out: Path) -> Job:
     """
     asked, inputs = record["settings"], record["inputs"]
     try:
+        shot = _shot(asked["shot"], inputs, out) if "shot" in asked else None
+        picture = _picture(asked["stem"], inputs, out)
+        if shot is not None:
+            picture = replace(picture, frame=asked["shot"]["frame"])
         job = Job(
-            _picture(asked["stem"], inputs, out),
+            picture,
             typed(Lens, asked["lens"]),
-            typed(Reading, asked["reading"]),
+            typed(Reading, {**_earlier_repair(asked), **asked["reading"]}),
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
             Machine(
                 quality=asked["quality"],
                 tolerance=asked.get("tolerance"),
-                depth_repair=asked.get("depth_repair", "auto"),
                 tile=asked.get("tile"),
             ),
             asked["suffix"],
+            shot,
         )
         if set(job.names.values()) != {stamp["path"] for stamp in record["outputs"].values()}:
             raise ValueError("its settings name other files than its outputs")
@@ -58,13 +74,35 @@ def revived(record: Record, out: Path) -> Job:
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
     """The picture whose files have roles with a prefix."""
-    color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
-    has_hidden = not prefix and "hidden_color" in inputs
-    hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
-    return Picture(stem, color, depth, hidden)
+    color, depth = (input_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
+    others: dict[str, Any] = {
+        role: _picture(stem, inputs, out, f"{role}_")
+        for role in OTHERS
+        if not prefix and f"{role}_color" in inputs
+    }
+    return Picture(stem, color, depth, **others)
 
 
-def _place(recorded: str, out: Path) -> Path:
+def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The repair of depth as earlier versions recorded it, beside the reading."""
+    return {name: asked[name] for name in ("depth_repair",) if name in asked}
+
+
+def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Shot:
+    """The shot of a job, whose frames are among the inputs."""
+
+    def picture(frame: int) -> Picture:
+        of_frame = _picture("", inputs, out, f"{FRAME_ROLE}{frame}_")
+        return replace(of_frame, stem=of_frame.color.stem, frame=frame)
+
+    def taken(frames: Sequence[Any]) -> tuple[Taken, ...]:
+        return tuple(Taken(picture(frame), typed(Lens, lens)) for frame, lens in frames)
+
+    window = tuple(picture(frame) for frame in asked["window"])
+    return Shot(taken(asked["sample"]), window, taken(asked["focus"]), asked.get("motion"))
+
+
+def input_place(recorded: str, out: Path) -> Path:
     """A path of the journal, relative to the working directory."""
     if Path(recorded).is_absolute():
         return Path(recorded)

@@ -161,7 +161,7 @@ def shards_size_option(command: Command) -> Command:
 
 
 def computed_by(jobs: list[Job], machine: Machine) -> list[Job]:
-    """The jobs, done by a machine; quality and repair stay, and tiles unless it has its own."""
+    """The jobs, done by a machine; quality stays, and tiles unless it has its own."""
 
     def adapted(own: Machine) -> Machine:
         tile = machine.tile or own.tile

@@ -10,7 +10,14 @@ import click
 from defocus_cli.compare.selection import region
 from defocus_cli.compare.thresholds import OVER, difference, rule
 from defocus_cli.options.shared import cores, machine_option
-from defocus_cli.options.types import Command, FilePath, Quantity, grouped_option, option_name
+from defocus_cli.options.types import (
+    Command,
+    Decorator,
+    FilePath,
+    Quantity,
+    grouped_option,
+    option_name,
+)
 
 
 class _Difference(click.ParamType[float]):
@@ -94,7 +101,7 @@ def selection_options(command: Command) -> Command:
 
 
 def report_options(command: Command) -> Command:
-    """Hand a command ``diff``, ``junit`` and ``processes``."""
+    """Hand a command ``diff``, ``junit``, ``html`` and ``processes``."""
     option = functools.partial(grouped_option, "Output")
     options = [
         option(
@@ -109,6 +116,7 @@ def report_options(command: Command) -> Command:
             metavar="FILE",
             help="Write JUnit XML, a case for each pair.",
         ),
+        html_option("Write a report to look at in a browser: one file, with the pictures in it."),
         machine_option(
             "--processes",
             type=click.IntRange(min=1),
@@ -118,6 +126,11 @@ def report_options(command: Command) -> Command:
         ),
     ]
     return _with(command, options)
+
+
+def html_option(text: str) -> Decorator:
+    """``--html``: where to write the report that people look at."""
+    return grouped_option("Output", "--html", type=FilePath(), metavar="FILE.html", help=text)
 
 
 def _with(command: Command, options: list[Any]) -> Command:

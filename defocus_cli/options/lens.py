@@ -132,7 +132,12 @@ def lens_options(*, required: bool) -> Decorator:
             return None
         return make_lens(flags, lens_file, radii=radii)
 
-    return bundle("lens", make, [*map(_lens_option, _LENS_HELP), _lens_file_option()])
+    return bundle("lens", make, lens_decorators())
+
+
+def lens_decorators() -> list[Decorator]:
+    """The options of a lens, and the one of a lens file."""
+    return [*map(_lens_option, _LENS_HELP), _lens_file_option()]
 
 
 def shape_options() -> Decorator:

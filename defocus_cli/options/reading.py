@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.depth_formats.reading import INVALID, KINDS
+from defocus_cli.depth_formats.reading import INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_cli.depth_formats.table import UNITS
 from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.reading_options import (
@@ -30,9 +30,30 @@ _HELP = {
     "sky": ("NUMBER", "Numbers of the depth file from this one on are sky; of disparity, to it."),
     "depth-channel": ("NAME", "Depth channel of an EXR, or array of an NPZ or HDF5."),
     "color-layer": ("NAME", "Colour layer of an EXR."),
+    "depth-repair": (
+        "auto|off|soft-edges=SLOPE",
+        "auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off takes "
+        "it as it is given; soft-edges=0.3 takes slopes of 0.3 px of radius per px and more for "
+        "soft edges, whatever is found.  [default: auto]",
+    ),
+    "edge-width": (
+        "PX",
+        "Width of the widest soft edges of the depth, like 8px; 0 says that edges are hard.  "
+        "[default: as found]",
+    ),
+    "blur-channels": (
+        "NAME,…",
+        "Further channels of an EXR that are light, like diffuse.*: blurred with the picture; "
+        "the others are copied.",
+    ),
     "part": ("N", "Part of an EXR, page of a TIFF or frame of an array, from 0."),
+    "view": ("NAME", "View of an EXR of several cameras, like left.  [default: the file's first]"),
 }
-_COLOR_ONLY = ("color-layer", "resize-depth")
+# What a depth file alone, without a picture and a lens, has no use for.
+_OF_PICTURES = (
+    *("color-layer", "blur-channels", "resize-depth", "unpremultiply-depth"),
+    *("depth-repair", "edge-width"),
+)
 
 
 def reading_options(command: Command) -> Command:
@@ -42,7 +63,7 @@ def reading_options(command: Command) -> Command:
 
 def depth_reading_options(command: Command) -> Command:
     """Hand a command ``reading``: what to take from depth files alone."""
-    options = [each for name, each in _named() if name not in _COLOR_ONLY]
+    options = [each for name, each in _named() if name not in _OF_PICTURES]
     return bundle("reading", _make, options)(command)
 
 
@@ -81,10 +102,27 @@ def _named() -> list[tuple[str, Decorator]]:
         ),
         (
             "resize-depth",
-            _choice("resize-depth", ("nearest",), "Take depth of another size than the colour."),
+            _choice(
+                "resize-depth",
+                RESIZES,
+                "Take depth of another size than the colour: from the nearest pixel, or with edges "
+                "where the colours change.",
+            ),
         ),
-        *((name, _parsed(name)) for name in ("depth-channel", "color-layer")),
+        ("depth-repair", _parsed("depth-repair")),
+        ("edge-width", _parsed("edge-width")),
+        *((name, _parsed(name)) for name in ("depth-channel", "color-layer", "blur-channels")),
         ("part", _part()),
+        ("view", _parsed("view")),
+        (
+            "unpremultiply-depth",
+            _choice(
+                "unpremultiply-depth",
+                UNPREMULTIPLY,
+                "Divide depth by alpha: on, off, or auto, if pixels of half alpha show that it was "
+                "multiplied.  [default: auto]",
+            ),
+        ),
     ]
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import KINDS, MAPS
+from defocus_cli.formats.kinds import KINDS, MAPS, in_one_file
 from defocus_cli.jobs.job import (
-    DEPTH_REPAIRS,
     DEVICES,
     QUALITIES,
     TILES,
@@ -54,6 +54,25 @@ def hidden_option(command: Command) -> Command:
         help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
         "unknown, and invented; inf with colour is sky.",
     )(command)
+
+
+def over_options(command: Command) -> Command:
+    """Hand a command ``over``: colour of a plate, and its depth or None; or None."""
+
+    def make(over: Path | None, over_depth: Path | None) -> tuple[Path, Path | None] | None:
+        if over is None and over_depth is not None:
+            raise UsageProblem("--over-depth", "stands without --over", "give the plate")
+        return None if over is None else (over, over_depth)
+
+    option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
+    plate = option(
+        "--over",
+        metavar="PLATE [DEPTH]",
+        help="Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
+        "the EXR's own, or else infinitely far.",
+    )
+    depth = option("--over-depth", metavar="DEPTH", help="Depth of the plate.")
+    return bundle("over", make, [plate, depth])(command)
 
 
 def output_options(command: Command) -> Command:
@@ -104,13 +123,28 @@ def output_options(command: Command) -> Command:
                 is_flag=True,
                 help="Also write OUT/<kind>/<stem>.preview.png to look at.",
             ),
+            option(
+                "--multiview",
+                is_flag=True,
+                help="Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
+            ),
+            option(
+                "--keep-overscan",
+                is_flag=True,
+                help="Write the pixels beyond the display window of an EXR, too; they take part in "
+                "the blur in any case.",
+            ),
             option("--overwrite", is_flag=True, help="Render again and replace what is there."),
         ],
     )(command)
 
 
-def _outputs(*, exr_type: str | None, jpeg_quality: int | None, **others: Any) -> Outputs:
+def _outputs(
+    *, exr_type: str | None, jpeg_quality: int | None, multiview: bool, **others: Any
+) -> Outputs:
     outputs = Outputs(**others)
+    if multiview:
+        outputs = replace(outputs, kinds=in_one_file(outputs.kinds, "--multiview"))
     for option, value, kind in (
         ("--exr-type", exr_type, "exr"),
         ("--jpeg-quality", jpeg_quality, "jpg"),
@@ -140,15 +174,7 @@ def rendering_options(command: Command) -> Command:
         help="Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
         "radius, like 1px.",
     )
-    depth_repair = machine_option(
-        "--depth-repair",
-        type=click.Choice(DEPTH_REPAIRS),
-        default=Machine.depth_repair,
-        show_default=True,
-        help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; "
-        "off takes it as it is given.",
-    )
-    options = [quality, tolerance, depth_repair, *others, *memory_options()]
+    options = [quality, tolerance, *others, *memory_options()]
     return bundle("machine", _machine, options)(command)
 
 

@@ -2,38 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.quantities import length_text
-from defocus_cli.rendering.focus_picture import focus_planes
-from defocus_cli.rendering.noisy_planes import noisy
-from defocus_cli.rendering.opening import disparity_of
-from defocus_cli.system.arrays import Stack
+from defocus_cli.rendering.contents import contents_of
+from defocus_cli.rendering.depth_repair import repair_attribute
+from defocus_cli.system.arrays import Beside, Stack
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import written_together
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from defocus_cli.formats.kinds import Kind
     from defocus_cli.jobs.job import Lens
     from defocus_cli.rendering.outcome import Outcome, Rendering
-
-
-class _OfRadius:
-    """A map that is computed from the signed radii [H, W], a few rows at a time."""
-
-    def __init__(self, radius: Any, compute: Callable[[Any], Any]) -> None:
-        self._radius, self._compute = radius, compute
-        self.shape, self.dtype = radius.shape, radius.dtype
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        values: NDArray[Any] = self._compute(self._radius[rows])
-        return values
 
 
 def write(rendering: Rendering) -> Outcome:
@@ -55,68 +38,57 @@ def write(rendering: Rendering) -> Outcome:
 
 def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
+    from defocus_cli.exr.writing import write_exr
     from defocus_cli.formats.encode import write_image
-    from defocus_cli.formats.exr import write_exr
     from defocus_cli.rendering.preview import write_preview, write_signed_preview
 
-    color, job, warnings = rendering.color, rendering.outcome.job, []
+    job, contents = rendering.outcome.job, contents_of(rendering, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    if kind.of_picture:
-        color = replace(color, channels=("R", "G", "B"), extras={})
-    planes = _planes(rendering, kind)
-    attributes = _attributes(rendering.outcome, kind)
-    if kind.image and kind.rendered and rendering.outcome.lens.noise:
-        planes = noisy(planes, color.channels, job, rendering.outcome.lens, kind)
+    attributes, warnings = _attributes(rendering.outcome, kind), []
     if kind.image:
+        carried = {
+            k: v for k, v in rendering.color.attributes.items() if not kind.views or k != "view"
+        }
         lost = write_image(
             path,
-            Stack(planes),
-            color.channels,
+            Stack(contents.planes),
+            contents.names,
             exr_type=job.outputs.exr_type,
             bits=16 if job.outputs.format == "png16" else 8,
             jpeg_quality=job.outputs.jpeg_quality,
-            attributes={**color.attributes, **attributes},
-            extras=color.extras,
-            corner=color.corner,
+            attributes={**carried, **attributes},
+            extras=contents.extras,
+            layout=contents.layout,
             clamped=rendering.clamped.get(kind.name, 0),
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     else:
-        write_exr(path, {kind.name: planes[0]}, attributes, color.corner)
+        write_exr(path, {kind.name: contents.planes[0]}, attributes, contents.layout)
     if preview is not None and kind.of_radius:
-        write_signed_preview(preview, planes[0])
+        write_signed_preview(preview, contents.planes[0])
     elif preview is not None:
-        write_preview(preview, Stack(planes))
+        count = len(contents.planes) // len(kind.rendered_as)
+        views = range(0, len(contents.planes), count)
+        write_preview(preview, Beside([Stack(contents.planes[n : n + count]) for n in views]))
     return warnings
-
-
-def _planes(rendering: Rendering, kind: Kind) -> tuple[Any, ...]:
-    """The arrays [H, W] of a kind."""
-    if kind.of_picture:
-        return focus_planes(rendering.color, rendering.radius)
-    if kind.of_radius:
-        values = partial(_values, kind, disparity_of(rendering.outcome.lens))
-        return (_OfRadius(rendering.radius, values),)
-    return rendering.images[kind.name]
-
-
-def _values(kind: Kind, disparity: float, radius: Any) -> Any:
-    """Values of a map from signed radii, and from the disparity of a radius of a px."""
-    assert kind.of_radius is not None
-    return kind.of_radius(radius, disparity)
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
     """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
-    job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
+    job, lens = outcome.job, outcome.lens
+    others = {
+        role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
+    }
     values = {
         "version": version(),
         "kind": kind.name,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,
-        "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
+        "hidden": others.pop("hidden", ""),
+        **others,
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
+        **_repair(outcome, kind),
         **_optics(lens),
         "blades": str(lens.blades),
         "blade_rotation": f"{lens.blade_rotation:.9g}deg",
@@ -126,6 +98,21 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "device": outcome.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}
+
+
+def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
+    """What was asked of the repair of depth, and what it did; nothing where neither is unusual."""
+    if not kind.rendered:
+        return {}
+    reading = outcome.job.reading
+    asked = [f"--depth-repair {reading.depth_repair}"] * (reading.depth_repair != "auto")
+    if reading.edge_width is not None:
+        asked.append(f"--edge-width {reading.edge_width:g}px")
+    values = {
+        "depth_repair_asked": " ".join(asked),
+        "depth_repair": repair_attribute(outcome.repair),
+    }
+    return {name: value for name, value in values.items() if value}
 
 
 def _optics(lens: Lens) -> dict[str, str]:

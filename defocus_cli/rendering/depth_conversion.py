@@ -102,7 +102,7 @@ def convert(place: Place, reading: Reading) -> Converted:
         import numpy as np
 
     from defocus_cli.depth_formats.depth import read_depth, require_valid
-    from defocus_cli.formats.exr import write_exr
+    from defocus_cli.exr.writing import write_exr
     from defocus_cli.rendering.implausible_depth import implausible_file
 
     if reading.row.rule == "radius":

@@ -49,7 +49,9 @@ class _Plane:
 
         colors = [
             plane[rows]
-            for plane, name in zip(self._color.planes, self._color.channels, strict=True)
+            for plane, name in zip(
+                self._color.planes, self._color.channels, strict=False
+            )  # passes follow
             if name != "A"
         ]
         light = np.mean([plane.astype("float32") for plane in colors], axis=0, dtype="float32")

@@ -80,49 +80,68 @@ def radius_at_infinity(lens: Lens, size: tuple[int, int]) -> float:
     return _thin_lens(lens, size).radius_at_infinity()
 
 
-def repair_of(lens: Lens, radius: Any) -> str:
-    """How a depth would be repaired before it is rendered, in words; empty if it is not.
+def lens_scale(lens: Lens, size: tuple[int, int]) -> float:
+    """Px of radius for a disparity of 1 per mm, in pictures of ``size`` (width, height).
 
-    Args:
-        lens: the lens, with its focus distance.
-        radius: signed CoC radius in px of all pixels, [H, W].
+    Raises:
+        UsageProblem: there is no such lens.
     """
     import torch
 
-    from defocus_cli.rendering.outcome import repair_words
-    from defocus_cli.system.arrays import Windows
-    from defocus_core import diagnose_depth
-
-    height, width = radius.shape
-    infinity = radius_at_infinity(lens, (width, height))
-    windows = Windows([radius], "cpu", lone=True)
-    return repair_words(diagnose_depth(windows, infinity, torch.get_num_threads()))
+    thin_lens = _thin_lens(lens, size)
+    near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
+    return float(thin_lens.radius_at_infinity() - near) * MM_PER_M
 
 
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
     """The signed CoC radius in px of a whole frame [H, W], float32, and its smallest and largest.
 
+    Where there is nothing, it is the largest: nothing lies before nothing, and what lies beside it
+    is seen through the whole lens.
+
     Raises:
         InputError: a depth is so near, or the focus, that no frame would hold the blur.
     """
     metres = depth.metres
-    height, width = metres.shape
     if depth.is_radius:
-        return metres, _ends_of_radii(depth)
-    whole = keeping.new((height, width), "float32")
-    ends = []
-    for rows in bands(metres.shape):
-        radius = signed_radius(lens, metres[rows], (width, height))
-        whole[rows] = radius
-        ends += [float(radius.min()), float(radius.max())]
-        if not -ends[-2] <= _MOST_PX:
-            nearest = float(metres[rows].min())
-            problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[-2]:.2g} px"
-            raise InputError(depth.path, problem, "check --depth-unit and --focus")
-        if not ends[-1] <= _FARTHEST_PX:
-            problem = f"is blurred by {ends[-1]:.2g} px: focus is hardly beyond the focal length"
-            raise InputError(depth.path, problem, "give --focus in the scene")
-    return whole, (min(ends), max(ends))
+        whole, ends = metres, _ends_of_radii(depth)
+    else:
+        whole = keeping.new(metres.shape, "float32")
+        found = []
+        for rows in bands(metres.shape):
+            radius = signed_radius(lens, metres[rows], depth.size)
+            whole[rows] = radius
+            if depth.nothing is not None:
+                radius = radius[~depth.nothing[rows]]
+            if radius.size:
+                found += [float(radius.min()), float(radius.max())]
+                _refuse_blur(found[-2:], depth, rows)
+        ends = (min(found), max(found)) if found else (0.0, 0.0)
+    return (whole if depth.nothing is None else _with_nothing(whole, ends[1], depth)), ends
+
+
+def _refuse_blur(ends: list[float], depth: Depth, rows: slice) -> None:
+    """Refuse radii that no frame would hold.
+
+    Raises:
+        InputError: a depth is so near, or the focus.
+    """
+    if not -ends[0] <= _MOST_PX:
+        nearest = float(depth.something(rows).min())
+        problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[0]:.2g} px"
+        raise InputError(depth.path, problem, "check --depth-unit and --focus")
+    if not ends[1] <= _FARTHEST_PX:
+        problem = f"is blurred by {ends[1]:.2g} px: focus is hardly beyond the focal length"
+        raise InputError(depth.path, problem, "give --focus in the scene")
+
+
+def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
+    """The radii, the farthest where there is nothing; in place."""
+    import numpy as np
+
+    for rows in bands(radius.shape):
+        radius[rows] = np.where(depth.nothing[rows], np.float32(farthest), radius[rows])
+    return radius
 
 
 def _ends_of_radii(depth: Depth) -> tuple[float, float]:
@@ -131,9 +150,9 @@ def _ends_of_radii(depth: Depth) -> tuple[float, float]:
     Raises:
         InputError: a radius is so large that no frame would hold the blur.
     """
-    of_bands = [depth.metres[rows] for rows in bands(depth.metres.shape)]
-    least = min(float(radius.min()) for radius in of_bands)
-    most = max(float(radius.max()) for radius in of_bands)
+    of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
+    least = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
+    most = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
     if max(-least, most) > _MOST_PX:
         problem = f"has a CoC radius of {max(-least, most):.2g} px"
         raise InputError(depth.path, problem, "check --depth-format coc")
@@ -170,7 +189,7 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
 
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
-    (x, y), (height, width) = pixel, depth.metres.shape
+    (x, y), (width, height) = pixel, depth.size
     option = f"{lens.focus_source}focus-at"
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
@@ -178,7 +197,12 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
             f"{x},{y} lies outside {depth.path} of {width}x{height} px",
             f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
         )
-    foc_dist = float(depth.metres[y : y + 1, x : x + 1][0, 0]) * MM_PER_M
+    row, column = y + depth.overscan.top, x + depth.overscan.left
+    place = slice(row, row + 1), slice(column, column + 1)
+    if depth.nothing is not None and depth.nothing[place].any():
+        problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
+        raise UsageProblem(option, problem, "give a pixel of the element")
+    foc_dist = float(depth.metres[place][0, 0]) * MM_PER_M
     refuse_near_focus(foc_dist, lens.foclen, f"{option}: {depth.path} at {x},{y}")
     return foc_dist
 
@@ -196,7 +220,9 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
     )
     if metres is None:
         remedy = "give the focus as a distance"
-        raise Rejected(depth.path, "is all sky, with nothing to focus on", remedy, "no-valid-depth")
+        what = "is all sky" if depth.nothing is None else "is sky or has an alpha of 0 everywhere"
+        problem = f"{what}, with nothing to focus on"
+        raise Rejected(depth.path, problem, remedy, "no-valid-depth")
     foc_dist = metres * MM_PER_M
     if foc_dist <= lens.foclen:
         where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
@@ -211,12 +237,13 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
 
     if lens.max_coc is None:
         return lens
-    height, width = depth.metres.shape
-    strips = (depth.metres[rows] for rows in bands(depth.metres.shape))
-    ends = np.array([(metres.min(), metres.max()) for metres in strips])
+    strips = (depth.something(rows) for rows in bands(depth.metres.shape))
+    ends = np.array([(metres.min(), metres.max()) for metres in strips if metres.size])
+    if not ends.size:
+        return lens
     extremes = np.array([ends.min(), ends.max()])
     if not depth.is_radius:
-        extremes = signed_radius(lens, extremes, (width, height))
+        extremes = signed_radius(lens, extremes, depth.size)
     radius = float(np.abs(extremes).max())
     if radius > lens.max_coc:
         problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"

@@ -9,8 +9,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Job
+from defocus_cli.rendering.depth_repair import repair_record, repair_words
 from defocus_cli.rendering.memory_budget import base_mb, regions_at_once
-from defocus_cli.rendering.outcome import Outcome, repair_words
+from defocus_cli.rendering.outcome import Outcome
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import duration
 from defocus_cli.system.errors import UserError
@@ -109,7 +110,7 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     if not job.outputs.need_rendering:
         return Forecast(outcome, read_seconds, None, 0.0, peak, scratch_mb)
     stream = stream_of(loaded, radius, outcome)
-    outcome = replace(outcome, repair_note=repair_words(stream.repair))
+    outcome = replace(outcome, repair=stream.repair)
     work, peak = cost(stream), peak + regions_at_once(job, stream, held, device)[1]
     return Forecast(outcome, read_seconds, work, work.work / rate, peak, scratch_mb)
 
@@ -124,6 +125,7 @@ def record(forecast: Forecast) -> dict[str, Any]:
         "peak_mb": forecast.peak_mb,
         "color_note": forecast.outcome.color_note,
         "depth_note": forecast.outcome.depth_words(),
+        "depth_repair": repair_record(forecast.outcome.repair),
     }
     if forecast.scratch_mb:
         values["scratch_mb"] = forecast.scratch_mb
@@ -144,7 +146,7 @@ def line(forecast: Forecast) -> str:
     if (cost := forecast.cost) is None:
         return f"{start}maps alone, nothing is rendered{scratch}"
     share = 100 * cost.slice_tiles_seen / cost.slice_tiles
-    note = forecast.outcome.repair_note
+    note = repair_words(forecast.outcome.repair)
     repair_note = f"; depth: {note}" if note else ""
     return (
         f"{start}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "

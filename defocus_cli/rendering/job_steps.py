@@ -6,12 +6,19 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.overscan import overscan_of
+from defocus_cli.elements.planes import Either
+from defocus_cli.elements.plate import check_over, read_plate
+from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
-from defocus_cli.rendering.focusing import focused, quality_of, radius_map
+from defocus_cli.rendering.deep_picture import deep_header, read_deep
+from defocus_cli.rendering.focusing import quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
-from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
+from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.rendering.render_picture import rendered
+from defocus_cli.rendering.shot_decisions import decided_words, shot_focused, shot_repair
+from defocus_cli.rendering.shot_frames import with_neighbours
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
 from defocus_cli.system.errors import InputError, TooLarge, UsageProblem
@@ -20,6 +27,7 @@ from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
+    from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
 
 
@@ -30,12 +38,22 @@ def load_inputs(job: Job) -> Loaded:
         InputError: an input cannot be used.
         UsageProblem: the options make no sense for it.
     """
+    if job.reading.blur_channels and job.outputs.format != "exr":
+        problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
+        raise UsageProblem("--blur-channels", problem, "use --format exr")
     picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
+    if picture.over is not None:
+        return _over(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
-    if picture.hidden is None or not job.outputs.need_rendering:
+    if not job.outputs.need_rendering:
+        return Loaded(held, color, depth)
+    header = deep_header(picture, job.reading, parts_of(picture, job.reading)[0])
+    if header is not None:
+        return _with_layers(job, header, Loaded(held, color, depth))
+    if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
     if behind.shape != color.shape:
@@ -46,6 +64,49 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"is {size} but the picture is {wanted}"
         raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
     return Loaded(held, color, depth, (behind, behind_depth))
+
+
+def _over(job: Job, held: Holding) -> Loaded:
+    """An element and the plate that it lies over, decoded.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: a hidden layer is given, too.
+    """
+    picture = job.picture
+    assert picture.over is not None
+    if picture.hidden is not None:
+        raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
+    plate_overscan = overscan_of(picture.over, replace(job.reading, color_layer=None))
+
+    def read_one(one: Picture, reading: Reading) -> tuple[Color, Depth]:
+        return read(one, reading, held.keeping, job.lens_focal, plate_overscan)
+
+    color, depth = read_one(picture, job.reading)
+    most = color.overscan
+    plate = read_plate(
+        picture.over,
+        job.reading,
+        lambda one, reading: read(one, reading, held.keeping, job.lens_focal, most),
+        held.keeping,
+        most,
+    )
+    return Loaded(held, color, depth, plate=check_over(color, plate))
+
+
+def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
+    """A deep picture with its samples.
+
+    Raises:
+        InputError: they cannot be used, or something else is to be behind them.
+    """
+    if job.picture.hidden is not None:
+        problem = "is deep, and knows itself what is hidden"
+        raise InputError(job.picture.color, problem, "leave --hidden out")
+    keeping, like = loaded.holding.keeping, (loaded.color, loaded.depth)
+    layers = read_deep(job.picture, header, job.reading, like, keeping, job.lens_focal)
+    note = f"{loaded.color.note}, {layers.words}"
+    return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 
 
 def compute(
@@ -64,8 +125,9 @@ def compute(
     """
     outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
-        return Rendering(outcome, loaded.color, radius, {}, {})
-    return rendered(loaded, radius, outcome, progress)
+        return Rendering(outcome, loaded.color, radius, {}, {}, loaded.nothing)
+    outcome, quiet, seen = with_neighbours(outcome, loaded, radius, _read_for)
+    return replace(rendered(loaded, quiet, outcome, progress, seen), radius=radius)
 
 
 def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
@@ -75,31 +137,46 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         InputError: the picture cannot be taken with this lens.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    height, width = loaded.depth.metres.shape
-    lens = focused(job.lens, loaded.depth)
+    lens = shot_focused(job, loaded.depth, _read_for)
+    decided = None
+    if job.outputs.need_rendering:
+        decided = shot_repair(job, lens, loaded.depth, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
+    likely = implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale)
+    if loaded.plate is not None:
+        behind, behind_ends = radius_map(lens, loaded.plate.depth, loaded.holding.keeping)
+        radius = Either(radius, loaded.depth.nothing, behind)
+        ends = (min(ends[0], behind_ends[0]), max(ends[1], behind_ends[1]))
     outcome = Outcome(
         job=job,
         lens=lens,
-        size=(width, height),
+        size=loaded.depth.size,
         coc_px=ends,
         color_note=loaded.color.note,
         depth_note=loaded.depth.note,
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
         warnings=(
-            *implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale),
+            *likely,
             *_warnings(loaded),
         ),
+        decided=decided,
+        shot_note=decided_words(job.shot, decided),
     )
     return outcome, radius
+
+
+def _read_for(job: Job, keeping: Keeping) -> tuple[Color, Depth]:
+    """Colour and depth of the picture of a job."""
+    return read(job.picture, job.reading, keeping, job.lens_focal)
 
 
 def _warnings(loaded: Loaded) -> tuple[str, ...]:
     """Warnings about what the files hold and the renderer ignores."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
     hidden_warnings = (f"hidden: {warning}" for warning in behind)
-    return *loaded.color.warnings, *loaded.depth.warnings, *hidden_warnings
+    plate = () if loaded.plate is None else loaded.plate.warnings
+    return *loaded.color.warnings, *loaded.depth.warnings, *hidden_warnings, *plate
 
 
 def load() -> None:
@@ -154,6 +231,7 @@ def read(
     reading: Reading,
     keeping: Keeping = IN_MEMORY,
     lens_focal: float | None = None,
+    most: Overscan | None = None,
 ) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid.
 
@@ -162,33 +240,66 @@ def read(
         reading: options that say how to read them.
         keeping: whether they go to memory or to scratch files.
         lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
+        most: the most pixels beyond the picture shown that are read; None for no limit.
 
     Raises:
         InputError: a file cannot be used.
         UsageProblem: the options make no sense for it.
     """
-    from defocus_cli.depth_formats.depth import read_depth, require_valid, resized
+    from defocus_cli.depth_formats.depth import read_depth, require_valid
+    from defocus_cli.elements.alpha import element_depth
     from defocus_cli.formats.color import read_color, require_finite
+    from defocus_cli.rendering.resized_depth import of_size
 
     shared = picture.color == picture.depth
-    color_part, depth_part = parts_of(picture, reading)
-    color = read_color(picture.color, layer=reading.color_layer, part=color_part, keeping=keeping)
-    (height, width), deeper = color.shape[:2], replace(reading, part=depth_part)
-    depth = read_depth(
-        picture.depth, deeper, keeping=keeping, size=(width, height), lens_focal=lens_focal
+    parts = parts_of(picture, reading)
+    require_view(picture, reading)
+    overscan = overscan_of(picture, reading, parts)
+    overscan = overscan if most is None else overscan.within(most)
+    color = read_color(
+        picture.color,
+        layer=reading.color_layer,
+        part=parts[0],
+        view=reading.view,
+        keeping=keeping,
+        overscan=overscan,
+        blur_channels=reading.blur_channels,
     )
+    depth = read_depth(
+        picture.depth,
+        replace(reading, part=parts[1]),
+        keeping=keeping,
+        size=color.size,
+        lens_focal=lens_focal,
+        overscan=overscan,
+        alpha=color.alpha,
+    )
+    radial = (reading.geometry or reading.row.geometry) == "radial"
+    if radial and color.pixel_aspect != 1:
+        problem = "holds distances to the point, and the pixels of the colour are not square"
+        raise InputError(picture.depth, problem, "convert it to depth along the axis")
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(picture.color, problem, "give the depth file as a second argument")
-    rows, columns = depth.metres.shape
-    if (height, width) != (rows, columns):
-        if reading.resize_depth is None:
-            raise InputError(
-                picture.depth,
-                f"is {columns}x{rows} px but {picture.color} is {width}x{height} px",
-                "give depth of the size of the colour, or say --resize-depth nearest",
-            )
-        depth = resized(depth, (width, height), keeping)
+    depth = element_depth(of_size(depth, color, reading, keeping), color, keeping)
     require_valid(depth)
     require_finite(color)
     return color, depth
+
+
+def require_view(picture: Picture, reading: Reading) -> None:
+    """Refuse the name of a view for files of which none has views.
+
+    Raises:
+        InputError: neither the colour nor the depth file has any.
+    """
+    from defocus_cli.exr.header import is_exr, read_headers
+    from defocus_cli.exr.views import views_of
+    from defocus_cli.system.safe_files import read_head
+
+    if reading.view is None:
+        return
+    exrs = [path for path in (picture.color, picture.depth) if is_exr(read_head(path))]
+    if not any(views_of(read_headers(path)) for path in exrs):
+        problem = f"has no views, and so no view {reading.view}"
+        raise InputError(picture.color, problem, "leave --view out")

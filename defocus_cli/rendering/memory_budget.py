@@ -16,8 +16,10 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -121,20 +123,20 @@ def base_mb() -> float:
 
 def _sizes(job: Job) -> tuple[float, float]:
     """MB of the arrays of a job, and of those files that can only be decoded at once."""
-    pixels, per_pixel, whole, channels = _inputs(job.picture)
+    pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
     if outputs.need_rendering:
-        if job.picture.hidden is not None:
-            _, behind, whole_behind, _ = _inputs(job.picture.hidden)
+        for other in job.picture.others.values():
+            _, behind, whole_behind, _ = _inputs(other)
             per_pixel, whole = per_pixel + behind + _FLOAT + 1, max(whole, whole_behind)
         per_pixel += sum(kind.memory_bytes(channels, sample) for kind in outputs.rows)
     return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB
 
 
-def _inputs(picture: Picture) -> tuple[int, float, float, int]:
+def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
     """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
+    from defocus_cli.exr.header import is_exr
     from defocus_cli.formats.describe import describe
-    from defocus_cli.formats.exr_header import is_exr
     from defocus_cli.system.safe_files import read_head
 
     def pixel_bytes(path: Path) -> tuple[int, float, float, int]:
@@ -144,7 +146,9 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
             parts = (max(parts, key=lambda part: len(part.channels)),)
         kinds = [kind for part in parts for _, kind in part.channels]
         native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
-        return info.width * info.height, native, native if info.at_once else 0.0, len(kinds)
+        names = [name for part in parts for name, _ in part.channels]
+        light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
+        return info.pixels, native, native if info.at_once else 0.0, min(len(kinds), 4) + light
 
     try:
         pixels, native, color_whole, count = pixel_bytes(picture.color)
@@ -154,7 +158,7 @@ def _inputs(picture: Picture) -> tuple[int, float, float, int]:
         arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
     except InputError:  # the decoder reports it better
         return 0, 0.0, 0.0, 0
-    return pixels, arrays + _FLOAT, max(color_whole, depth_whole), min(count, 4)
+    return pixels, arrays + _FLOAT, max(color_whole, depth_whole), count
 
 
 def _half(job: Job) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import Kind
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
 
 if TYPE_CHECKING:
@@ -16,22 +16,23 @@ _SEED_BYTES = 5  # of a seed, of which rows of pictures make others
 
 
 def noisy(
-    planes: Sequence[Any], channels: Sequence[str], job: Job, lens: Lens, kind: Kind
+    planes: Sequence[Any], channels: Sequence[str], job: Job, lens: Lens, view: str
 ) -> tuple[Any, ...]:
-    """The planes [H, W] of an image with noise; alpha has none.
+    """The planes [H, W] of an image with the lens' noise, if it has any; alpha has none.
 
     Args:
         planes: linear light, one array for each channel.
         channels: names of the channels.
         job: the job, whose sample decides the random numbers.
         lens: the lens, whose sensor has noise.
-        kind: the kind of output, which decides the random numbers, too.
+        view: the kind of output that it is of, which decides the random numbers, too.
     """
-    assert lens.noise is not None
+    if lens.noise is None:
+        return tuple(planes)
     electrons, read = lens.noise
-    if kind.halves:
+    if KINDS[view].halves:
         electrons /= 2
-    words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {kind.name}"
+    words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view}"
     return tuple(
         plane if name == "A" else _Noisy(plane, electrons, read, f"{words} {name}")
         for plane, name in zip(planes, channels, strict=True)
@@ -51,7 +52,7 @@ class _Noisy:
         import numpy as np
         import torch
 
-        from defocus_cli.formats.exr import clamped_half
+        from defocus_cli.exr.writing import clamped_half
         from defocus_core import with_noise
 
         values = np.asarray(self._plane[rows])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,6 +65,29 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         problem = f"hides the middle of the opening in the corners: {reason(error)}"
         remedy = f"give a distance of {most:.2g} at most with this lens"
         raise UsageProblem("--cat-eye", problem, remedy) from None
+
+
+def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float]:
+    """The pupil of a lens before pixels that need not be square.
+
+    A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
+
+    Args:
+        lens: the lens.
+        pixel_aspect: width of a pixel by its height.
+
+    Returns:
+        The pupil, and the longer half axis of its blur in px, in radii of the CoC.
+
+    Raises:
+        InputError: the picture of the pupil cannot be used.
+    """
+    pupil = aperture_of(lens)
+    if pixel_aspect == 1:
+        return pupil, 1.0
+    squeeze = lens.squeeze * pixel_aspect
+    longer = pixel_aspect if squeeze >= 1 else 1 / lens.squeeze
+    return replace(pupil, squeeze=squeeze), longer
 
 
 def dual_pixel_of(lens: Lens) -> DualPixel:
@@ -136,8 +160,8 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     import numpy as np
     import torch
 
+    from defocus_cli.exr.writing import write_exr
     from defocus_cli.formats.encode import write_samples
-    from defocus_cli.formats.exr import write_exr
 
     if path.suffix.lower() not in (".png", ".exr"):
         raise InputError(path, "is neither PNG nor EXR", "end its name in .png or .exr")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.plate import Plate, nothing_of
 from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.rendering.depth_repair import repair_words
 from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
+    from defocus_cli.rendering.deep_picture import Layers
     from defocus_core import DepthRepair
 
 
@@ -32,22 +34,31 @@ class Outcome:
     render_cpu_seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
-    repair_note: str = ""  # how it was repaired before it was rendered
+    repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
+    decided: DepthRepair | None = None  # by its shot; None if the frame decides
+    shot_note: str = ""  # what other frames did for its depth
 
     def depth_words(self, *, rendered: bool = True) -> str:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
-        repair_note = self.repair_note if rendered else ""
-        return "; ".join(filter(None, (self.depth_note, repair_note)))
+        notes = (repair_words(self.repair), self.shot_note) if rendered else ()
+        return "; ".join(filter(None, (self.depth_note, *notes)))
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """A picture, decoded, and its hidden layer if the job has and needs one."""
+    """A picture, decoded, and its hidden layer or its plate if the job has and needs one."""
 
     holding: Holding
     color: Color
     depth: Depth
     behind: tuple[Color, Depth] | None = None
+    plate: Plate | None = None
+    layers: Layers | None = None  # of a deep picture that is rendered
+
+    @property
+    def nothing(self) -> Any:
+        """Where an element holds nothing, bool [H, W]; None if nowhere."""
+        return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
 
 
 @dataclass(frozen=True)
@@ -58,8 +69,10 @@ class Rendering:
         outcome: lens, notes, time and warnings of the job.
         color: the colour input, whose metadata and further channels are written too.
         radius: signed CoC radius in px, [H, W].
-        images: each rendered kind's arrays [H, W]: C of an image, in linear light; one of a map.
+        images: each rendered kind's arrays [H, W]: C of each view
+            of an image, in linear light; one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        nothing: where an element holds nothing, bool [H, W]; None if nowhere.
     """
 
     outcome: Outcome
@@ -67,21 +80,4 @@ class Rendering:
     radius: Any
     images: Mapping[str, tuple[Any, ...]]
     clamped: Mapping[str, int]
-
-
-def repair_words(repair: DepthRepair) -> str:
-    """How the depth was repaired before it was rendered; empty if it was not."""
-    done = []
-    if repair.noise is not None:
-        done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
-    if repair.antialiased is not None:
-        of = "disparity" if math.isinf(repair.antialiased) else "distance"
-        done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    if repair.soft_edges:
-        done.append("its soft edges made steps")
-    if repair.edge_shifts is not None:
-        shift = repair.edge_shifts.median
-        done.append(f"its edges moved to those of the colours, {shift:+.1f} px in the median")
-    if repair.quantised:
-        done.append("of few levels, smoothed between them")
-    return "; ".join(done)
+    nothing: Any = None

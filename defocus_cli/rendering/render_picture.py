@@ -7,18 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.plate import layers_of
+from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.opening import aperture_of, cat_eye_of, dual_pixel_of
-from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering, repair_words
+from defocus_cli.rendering.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
+from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory
-from defocus_cli.system.arrays import Windows, bands
+from defocus_cli.system.arrays import Windows, bands, times
 from defocus_cli.system.errors import TooLarge
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core import Behind, Pixels, Stream, Views
+    from defocus_core import Behind, HiddenLayer, Pixels, Stream, Views
 
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
@@ -26,7 +29,11 @@ _MANY_CLAMPED = 0.01
 
 
 def rendered(
-    loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None = None
+    loaded: Loaded,
+    radius: Any,
+    outcome: Outcome,
+    progress: Progress | None = None,
+    seen: HiddenLayer | None = None,
 ) -> Rendering:
     """The images and maps that need rendering.
 
@@ -35,6 +42,7 @@ def rendered(
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
         progress: called with (tiles done, tiles in all).
+        seen: what other frames have seen of what is hidden.
 
     Raises:
         TooLarge: it does not fit into memory.
@@ -44,20 +52,20 @@ def rendered(
     set_to_render()
     images = _Images(outcome.job, loaded)
     wall, cpu = time.perf_counter(), time.process_time()
-    stream = _fill(images, loaded, radius, outcome, progress)
+    stream = _fill(images, loaded, radius, outcome, progress, seen)
     if outcome.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
     outcome = replace(
         outcome,
-        repair_note=repair_words(stream.repair),
+        repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
         stats={**stream.stats, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped)
+    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -70,7 +78,12 @@ def _clamped(stats: Mapping[str, float]) -> list[str]:
 
 
 def _fill(
-    images: _Images, loaded: Loaded, radius: Any, outcome: Outcome, progress: Progress | None
+    images: _Images,
+    loaded: Loaded,
+    radius: Any,
+    outcome: Outcome,
+    progress: Progress | None,
+    seen: HiddenLayer | None,
 ) -> Stream:
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
@@ -79,14 +92,14 @@ def _fill(
     while True:
         images.clamped.clear()
         try:
-            stream = stream_of(loaded, radius, outcome)
+            stream = stream_of(loaded, radius, outcome, seen)
             if at_once is None:
                 at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
                 if at_once < job.machine.threads:  # memory is short
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.place(part)
+                images.place(loaded.layers.in_order(part) if loaded.layers else part)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -97,34 +110,50 @@ def _fill(
             at_once = 1
 
 
-def stream_of(loaded: Loaded, radius: Any, outcome: Outcome) -> Stream:
+def stream_of(
+    loaded: Loaded, radius: Any, outcome: Outcome, seen: HiddenLayer | None = None
+) -> Stream:
     """The renderer of a job, which works region by region.
 
     Args:
         loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
+        seen: what other frames have seen of what is hidden.
     """
-    from defocus_core import Settings, Stream
+    from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     image = _lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
-    infinity = None if loaded.depth.is_radius else radius_at_infinity(lens, outcome.size)
+    aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
+    infinity = None
+    if not loaded.depth.is_radius:
+        infinity = longer * radius_at_infinity(lens, outcome.size)
+    settings = Settings(
+        aperture=aperture,
+        dual_pixel=dual_pixel_of(lens),
+        cat_eye=cat_eye_of(lens, outcome.size),
+        quality=outcome.quality,
+        left_right=any(kind.halves for kind in job.outputs.rows),
+        threads=job.machine.threads,
+        tile=job.machine.tile,
+        infinity=infinity,
+        depth_repair=job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+        decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
+    )
+    if loaded.plate is not None:
+        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
+        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+    if loaded.layers is not None:
+        known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
+        if known.open or known.number > 1:
+            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     return Stream(
         image,
-        Windows([radius], device, lone=True),
-        Settings(
-            aperture=aperture_of(lens),
-            dual_pixel=dual_pixel_of(lens),
-            cat_eye=cat_eye_of(lens, outcome.size),
-            quality=outcome.quality,
-            left_right=any(kind.halves for kind in job.outputs.rows),
-            threads=job.machine.threads,
-            tile=job.machine.tile,
-            infinity=infinity,
-            depth_repair=job.machine.depth_repair,
-        ),
-        None if loaded.behind is None else _behind(loaded, outcome),
+        Windows([times(radius, longer)], device, lone=True),
+        settings,
+        _hidden(loaded, outcome, seen, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
@@ -142,18 +171,23 @@ class _Images:
     """The images of a job while they are rendered.
 
     Attributes:
-        planes: each rendered kind's arrays [H, W]: C of an image, one of a map.
+        planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
     """
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
+        self._order = list(range(channels))
+        if loaded.plate is not None:  # the alpha of layers is their last channel
+            alpha = len(loaded.color.light)
+            self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue
             count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
+            count *= len(kind.rendered_as)
             self.planes[kind.name] = tuple(
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
@@ -162,13 +196,17 @@ class _Images:
         """Copy a rendered region to its place."""
         import numpy as np
 
-        from defocus_cli.formats.exr import clamped_half
+        from defocus_cli.exr.writing import clamped_half
         from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            pixels = to_array(getattr(part, kind)).reshape(len(planes), height, width)
+            views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
+            if KINDS[kind].image and self._order != sorted(self._order):
+                views = [view[self._order] for view in views]
+            pixels = views[0] if len(views) == 1 else np.concatenate(views)
+            pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
                 pixels, beyond = clamped_half(pixels)
                 if beyond.any():
@@ -178,7 +216,28 @@ class _Images:
                 plane[rows, columns] = values
 
 
-def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
+def _hidden(
+    loaded: Loaded, outcome: Outcome, seen: HiddenLayer | None, longer: float
+) -> Behind | None:
+    """The known hidden layer: that of files, and beside it what other frames have seen."""
+    from defocus_core import Behind
+
+    behind = None if loaded.behind is None else _behind(loaded, outcome, longer)
+    if seen is None:
+        return behind
+    color, radius, mask = (each.to(outcome.device) for each in seen)
+    radius = radius * longer
+    if behind is None:
+        return Behind(color, radius, mask)
+    given = behind.mask[:]
+    return Behind(
+        behind.color[:].where(given, color),
+        behind.signed_radius[:].where(given, radius),
+        given | mask,
+    )
+
+
+def _behind(loaded: Loaded, outcome: Outcome, longer: float) -> Behind:
     """The hidden layer: it is unknown where depth is inf and colour 0."""
     import numpy as np
 
@@ -195,6 +254,6 @@ def _behind(loaded: Loaded, outcome: Outcome) -> Behind:
     device = outcome.device
     return Behind(
         Windows(color.planes, device),
-        Windows([radius], device, lone=True),
+        Windows([times(radius, longer)], device, lone=True),
         Windows([known], device, lone=True),
     )

@@ -41,7 +41,7 @@ def line(record: Comparison) -> str:
     if record.differing:
         parts += [_place(record)] if _is_local(record) else []
         parts += [_numbers(record.metrics)] if record.metrics else []
-        parts += [_worst(record.worst)] if record.worst is not None else []
+        parts += [f"worst at {worst_words(record.worst)}"] if record.worst is not None else []
     if record.failed:
         parts.append(f"fails {', '.join(record.failed)}")
     if record.warned:
@@ -144,10 +144,19 @@ def _numbers(metrics: Mapping[str, float]) -> str:
     words = []
     for name in _SHOWN:
         if name in metrics:
-            title = "-".join(_TITLES.get(part, part) for part in name.split("-"))
-            value = f"{metrics[name]:.{_DIGITS.get(name.rpartition('-')[2], 3)}g}"
-            words.append(f"{title} {value} {METRICS[name].unit}".rstrip())
+            words.append(number_words(name, metrics[name]))
     return ", ".join(words)
+
+
+def number_words(name: str, value: float) -> str:
+    """A metric in words, like ``PSNR 31.2 dB``."""
+    digits = _DIGITS.get(name.rpartition("-")[2], 3)
+    return f"{metric_title(name)} {value:.{digits}g} {METRICS[name].unit}".rstrip()
+
+
+def metric_title(name: str) -> str:
+    """The name of a metric as people write it, like ``edges-PSNR``."""
+    return "-".join(_TITLES.get(part, part) for part in name.split("-"))
 
 
 def _is_local(record: Comparison) -> bool:
@@ -164,11 +173,11 @@ def _place(record: Comparison) -> str:
     return f"{counted(record.differing, 'pixel')} within {width}x{height} at {x},{y}"
 
 
-def _worst(worst: Worst) -> str:
+def worst_words(worst: Worst) -> str:
     """The worst pixel: its place, and the values of all channels, those of a file of few."""
     names = list(worst.a)
     old, new = (" ".join(f"{side[n]:.4g}" for n in names) for side in (worst.a, worst.b))
-    return f"worst at {worst.x},{worst.y} ({' '.join(names)}: {old} -> {new})"
+    return f"{worst.x},{worst.y} ({' '.join(names)}: {old} -> {new})"
 
 
 def _worst_record(worst: Worst) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from defocus_cli.depth_formats.file_types import read_numbers
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.samples import Samples
 from defocus_cli.depth_formats.table import ROWS
+from defocus_cli.exr.header import is_exr
 from defocus_cli.formats.containers import container_type
-from defocus_cli.formats.exr_header import is_exr
 from defocus_cli.formats.photo_depth import is_heic, is_jpeg
 from defocus_cli.formats.png_text import png_text
 from defocus_cli.system.arrays import IN_MEMORY, bands

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.exr.windows import NO_OVERSCAN
 from defocus_cli.formats.kinds import KINDS, MAPS
-from defocus_cli.jobs.job import Lens, Reading, lens_record
+from defocus_cli.jobs.job import Lens, Picture, Reading
+from defocus_cli.reports.figures import color_figures, depth_figures, ends_of, read_picture
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError, UserError
 from defocus_cli.system.interrupts import put_off
@@ -17,9 +18,7 @@ from defocus_cli.system.memory import MB
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from defocus_cli.formats.describe import FileInfo
+    from defocus_cli.formats.describe import FileInfo, PartInfo
 
 # A file with more numbers, 256 MB as floats, is read into scratch files.
 _NUMBERS_IN_MEMORY = 2**26
@@ -47,6 +46,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     with put_off():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
 
+    from defocus_cli.elements.overscan import overscan_of
     from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
@@ -65,12 +65,17 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     depth_note = too_large if is_too_large else _why_no_depth(info, reading)
     channels = sum(len(part.channels) for part in info.parts)
     keeping = Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
-    color = depth = None
+    picture = color = depth = None
+    overscan = NO_OVERSCAN
+    if not color_note and not depth_note and info.parts[0].display_window:
+        both = (reading.part, reading.part)
+        overscan = overscan_of(Picture("", path, path), reading, both)
     if not color_note:
-        color_note, color = _color(path, reading, keeping)
+        picture = read_picture(path, reading, keeping, overscan)
+        color_note, color = picture.note, color_figures(picture)
     if not depth_note:
         try:
-            depth_note, depth = _depth(path, reading, keeping, lens)
+            depth_note, depth = depth_figures(path, reading, keeping, lens, picture)
         except InputError as error:
             if color is None and not has_frames:
                 raise
@@ -80,10 +85,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     return {
         "file": str(path),
         "size": [info.width, info.height],
-        "parts": [
-            {"index": p.index, "name": p.name, "deep": p.deep, "channels": dict(p.channels)}
-            for p in info.parts
-        ],
+        "parts": [_part_record(part) for part in info.parts],
         "color": color,
         "color_note": color_note,
         "depth": depth,
@@ -91,6 +93,22 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
         "maps": maps,
     }
+
+
+def _part_record(part: PartInfo) -> dict[str, Any]:
+    """A part of a file in plain values; windows are those of an EXR."""
+    record = {
+        "index": part.index,
+        "name": part.name,
+        "deep": part.deep,
+        "channels": dict(part.channels),
+        "views": list(part.views),
+    }
+    if part.data_window is not None and part.display_window is not None:
+        record["data_window"] = list(part.data_window)
+        record["display_window"] = list(part.display_window)
+        record["pixel_aspect"] = part.pixel_aspect
+    return record
 
 
 def inspect_pairs(
@@ -113,7 +131,8 @@ def inspect_pairs(
     from defocus_cli.reports.pair_evidence import evidence_of_pair
 
     orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
-    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair)]
+    resized = reading.resize_depth is not None
+    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []
     color, depth = (record["file"] for record in pairs[0])
@@ -129,12 +148,13 @@ def inspect_pairs(
     return [{"color": color, "depth": depth, "evidence": list(evidence)}]
 
 
-def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any]) -> bool:
+def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: bool) -> bool:
     """Whether two records, or one twice, are of colour and depth that could be one picture."""
     if color is depth and not color["file"].lower().endswith(".exr"):
         return False
     has_both = color["color"] is not None and depth["depth"] is not None
-    return has_both and "R" in color["color"]["channels"] and color["size"] == depth["size"]
+    fits = resized or color["size"] == depth["size"]
+    return has_both and fits and "R" in color["color"]["channels"]
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
@@ -181,14 +201,16 @@ def _chosen(
     Raises:
         InputError: an EXR does not have the channels that the user has ``named``.
     """
-    from defocus_cli.formats.exr_header import is_exr, read_headers
+    from defocus_cli.exr.header import is_exr, read_headers
+    from defocus_cli.exr.views import in_view
     from defocus_cli.formats.raster import choose_page
     from defocus_cli.system.safe_files import read_head
 
     try:
         if not is_exr(read_head(info.path)):
             return "", choose_page(info.path, info.parts, reading.part).channels
-        choose(info.path, read_headers(info.path), part=reading.part)
+        headers = in_view(info.path, read_headers(info.path), reading.view)
+        choose(info.path, headers, part=reading.part)
     except InputError as error:
         if named is not None and is_exr(read_head(info.path)):
             raise
@@ -196,71 +218,11 @@ def _chosen(
     return "", None
 
 
-def _color(path: Path, reading: Reading, keeping: Keeping) -> tuple[str, dict[str, Any]]:
-    """How the colour would be read, and what is said of it."""
-    from defocus_cli.formats.color import LARGEST_FLOAT, count_beyond, read_color
-
-    color = read_color(path, layer=reading.color_layer, part=reading.part, keeping=keeping)
-    nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
-    return color.note, {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
-
-
-def _depth(
-    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None
-) -> tuple[str, dict[str, Any]]:
-    """How the depth would be read, and what is said of it; ranges are None without valid pixels."""
-    import numpy as np
-
-    from defocus_cli.depth_formats.depth import read_depth
-    from defocus_cli.rendering import focusing
-    from defocus_cli.rendering.implausible_depth import implausible_radii
-
-    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
-    depth = read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
-    height, width = depth.metres.shape
-    sky = valid = 0
-    ends: list[float] = []  # of valid depth, sky included
-    finite_ends: list[float] = []
-    for rows in bands((height, width)):
-        metres = depth.metres[rows][depth.valid(rows)]
-        finite = metres[np.isfinite(metres)]
-        sky, valid = sky + metres.size - finite.size, valid + metres.size
-        ends += _ends(metres)
-        finite_ends += _ends(finite)
-    coc_px, repair = None, ""
-    warnings: tuple[str, ...] = ()
-    if lens is not None and ends:
-        lens = focusing.focused(lens, depth)
-        # The radius grows with depth all the way: the extreme depths have the extreme radii.
-        extremes = np.array([min(ends), max(ends)], np.float32)
-        coc_px = [float(r) for r in focusing.signed_radius(lens, extremes, (width, height))]
-        if valid == height * width:
-            with suppress(InputError):  # too near to be rendered, as the radius shows
-                radius, ends_px = focusing.radius_map(lens, depth, keeping)
-                declared = reading.says_scale
-                warnings = implausible_radii(depth, radius, ends_px, lens, declared=declared)
-                repair = focusing.repair_of(lens, radius)
-    return depth.note, {
-        "range_m": [min(finite_ends), max(finite_ends)] if finite_ends else None,
-        "sky_pixels": sky,
-        "invalid_pixels": height * width - valid,
-        "lens": lens_record(lens) if lens else None,
-        "coc_px": coc_px,
-        "repair": repair,
-        "warnings": list(warnings),
-    }
-
-
-def _ends(values: NDArray[Any]) -> list[float]:
-    """Least and greatest; nothing of none."""
-    return [float(values.min()), float(values.max())] if values.size else []
-
-
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
     import numpy as np
 
-    from defocus_cli.formats.exr import read_parts
+    from defocus_cli.exr.reading import read_parts
 
     is_map = any(name in MAPS for part in info.parts for name, _ in part.channels)
     if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
@@ -269,7 +231,7 @@ def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in MAPS):
         for kind, plane in part.channels.items():
             values = (plane[rows] for rows in bands(plane.shape))
-            ends = [end for band in values for end in _ends(band[np.isfinite(band)])]
+            ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
             maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
     return maps
 

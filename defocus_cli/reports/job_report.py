@@ -67,6 +67,7 @@ def outcome_record(
         "size": record["size"],
         "color_note": record.get("color_note"),  # journals of earlier versions have none
         "depth_note": record["depth_note"],
+        "depth_repair": record.get("depth_repair"),
         "lens": record["lens"] or lens_record(job.lens),
         "coc_px": record["coc_px"],
         "device": record["device"],

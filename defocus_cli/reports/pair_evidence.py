@@ -61,13 +61,23 @@ def evidence_of_pair(
     import numpy as np
 
     from defocus_cli.depth_formats.depth import read_depth
+    from defocus_cli.elements.alpha import element_depth
 
-    image = read_color(color, layer=reading.color_layer, part=None, keeping=keeping)
+    image = read_color(
+        color, layer=reading.color_layer, part=None, view=reading.view, keeping=keeping
+    )
     height, width = image.shape[:2]
-    size = (width, height)
-    metres = read_depth(depth, reading, keeping=keeping, size=size, lens_focal=lens_focal).metres
-    if metres.shape != (height, width):
+    beside = read_depth(
+        depth,
+        reading,
+        keeping=keeping,
+        size=(width, height),
+        lens_focal=lens_focal,
+        alpha=image.alpha,
+    )
+    if beside.metres.shape != (height, width):
         return ()
+    metres = element_depth(beside, image, keeping).metres
     rows, columns = _middle(height), _middle(width)
     near = metres[rows][:, columns]
     with np.errstate(divide="ignore", invalid="ignore"):

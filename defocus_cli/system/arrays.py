@@ -129,6 +129,37 @@ class Stack:
         return np.stack([plane[rows] for plane in self.planes], axis=2)
 
 
+class _Times:
+    """An array [H, W] times a factor, read by slices."""
+
+    def __init__(self, array: Any, factor: float) -> None:
+        self._array, self._factor = array, factor
+        self.shape, self.dtype = array.shape, array.dtype
+
+    def __getitem__(self, window: Any) -> NDArray[Any]:
+        values: NDArray[Any] = self._array[window] * self.dtype.type(self._factor)
+        return values
+
+
+def times(array: Any, factor: float) -> Any:
+    """An array [H, W] times a factor, computed where it is read; itself if that is 1."""
+    return array if factor == 1 else _Times(array, factor)
+
+
+class Beside:
+    """Arrays [H, W, C] of one size side by side, read by slices of rows."""
+
+    def __init__(self, arrays: Sequence[Stack]) -> None:
+        self._arrays = arrays
+        height, width, channels = arrays[0].shape
+        self.shape = (height, width * len(arrays), channels)
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        import numpy as np
+
+        return np.concatenate([array[rows] for array in self._arrays], axis=1)
+
+
 class Windows:
     """Arrays [H, W] as a source of `defocus_core`: [C, H, W], or [H, W] of a lone array."""
 

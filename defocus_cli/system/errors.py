@@ -106,3 +106,11 @@ def reason(error: BaseException) -> str:
     """The message of any exception, as one clause without a full stop."""
     message = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return one_line(message).rstrip(".")
+
+
+def first_line(path: Path, text: str) -> str:
+    """First line of what OpenImageIO says, short enough for a message that names the file."""
+    for named in (f' ("{path}")', f" ({path})", f"{path}: ", f": {path}"):
+        text = text.replace(named, "")
+    lines = text.replace(f'"{path}"', "it").strip().splitlines() or ["no reason given"]
+    return one_line(lines[0]).rstrip(".")[:120]

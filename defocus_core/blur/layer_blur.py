@@ -15,7 +15,8 @@ from defocus_core.images.box import Box
 from defocus_core.images.pyramid import Axis
 from defocus_core.images.tiling import Grid
 from defocus_core.layers.extents import Patch
-from defocus_core.layers.sliced_surface import Samples, Surface
+from defocus_core.layers.samples import Samples
+from defocus_core.layers.sliced_surface import Surface
 from defocus_core.layers.subpixel_shifts import NEAR
 
 

@@ -6,8 +6,18 @@ import torch
 from torch import Tensor
 
 from defocus_core.blur.layer_blur import Shown
-from defocus_core.compositing.saturating_sum import add_within, filled_up_to, is_full, share_behind
+from defocus_core.compositing.known_surfaces import add_known
+from defocus_core.compositing.saturating_sum import (
+    add_within,
+    filled_up_to,
+    is_full,
+    share_behind,
+    summed,
+)
 from defocus_core.images.box import Box
+
+# Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
+_NEGLIGIBLE = 1e-4
 
 
 class Fronts:
@@ -36,6 +46,7 @@ class Fronts:
         self.moved: Tensor | None = None
         self.invented: Tensor | None = None
         self._full = full
+        self._reserved: list[Tensor | None] = [None for _ in full]
         self._doubt = doubt
 
     def add(self, layers: list[dict[int, Shown]]) -> None:
@@ -51,6 +62,21 @@ class Fronts:
                     moved = torch.zeros_like(front[:, :-1]) if self.moved is None else self.moved
                     self.moved = add_within(moved, box, by, share)
             self.by_group[group] = front
+
+    def add_known(
+        self, visible: list[dict[int, Shown]], hidden: list[dict[int, Shown]], *, closed: bool
+    ) -> None:
+        """Add known surfaces, given for each group as layers by their numbers.
+
+        Args:
+            visible: The visible layers of each group.
+            hidden: The hidden ones.
+            closed: Whether every pixel is covered fully.
+        """
+        for group, layers in enumerate(zip(visible, hidden, self._full, strict=True)):
+            front = self.by_group[group]
+            self.by_group[group], moved = add_known(front, *layers, closed=closed)
+            self.moved = self.moved if moved is None else moved
 
     def are_full(self, *, known: bool) -> bool:
         """Whether no gap is left that a hidden surface, known or invented, may fill."""
@@ -74,8 +100,39 @@ class Fronts:
                 self.invented = more if self.invented is None else self.invented + more
             self.by_group[group] = add_within(front, whole, layer, share)
 
+    def reserve(self, layers: list[dict[int, Shown]]) -> None:
+        """Keep invented surfaces out of the coverage of layers, given for each group."""
+        for group, surfaces in enumerate(layers):
+            size = self.by_group[group].shape[-2], self.by_group[group].shape[-1]
+            parts = ((shown.box, shown.layer[:, -1:]) for shown in surfaces.values())
+            self._reserved[group] = summed(parts, size)
+
+    def are_nearly_full(self) -> bool:
+        """Whether the gaps that are left are not worth filling."""
+        gaps = zip(self.by_group, self._full, strict=True)
+        return all(is_full(front, most, _NEGLIGIBLE) for front, most in gaps)
+
+    def add_alpha(self) -> None:
+        """Add to the colours a last channel that is the coverage."""
+        for group, front in enumerate(self.by_group):
+            self.by_group[group] = torch.cat([front, front[:, -1:]], 1)
+        if self.moved is not None:
+            self.moved = torch.cat([self.moved, torch.zeros_like(self.moved[:, :1])], 1)
+
+    def leave_open(self) -> None:
+        """Count the gaps that are left as covered: nothing is seen there."""
+        for group, most in enumerate(self._full):
+            color, covered = self.by_group[group].tensor_split([-1], 1)
+            whole = torch.maximum(covered, torch.as_tensor(most).to(covered))
+            self.by_group[group] = torch.cat([color, whole], 1)
+
     def _most(self, group: int, known: bool) -> Tensor | float:
         """Greatest coverage of a group once a hidden surface is added."""
-        if known or self._doubt is None:
-            return self._full[group]
-        return filled_up_to(self.by_group[group], self._full[group], self._doubt)
+        most, reserved = self._full[group], self._reserved[group]
+        if known:
+            return most
+        if reserved is not None:
+            most = most - reserved
+        return (
+            most if self._doubt is None else filled_up_to(self.by_group[group], most, self._doubt)
+        )

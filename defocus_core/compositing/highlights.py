@@ -15,6 +15,7 @@ from torch import Tensor
 from defocus_core.images.order_statistics import Ranks
 from defocus_core.images.sparse_masks import exceeding, places_of
 from defocus_core.images.tiling import BLOCK
+from defocus_core.layers.stacked_samples import Sampled
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
@@ -74,3 +75,47 @@ def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, 
     rows, columns = at.unbind(-1)
     rest = torch.where(bright, 0.0, pixels)
     return rest, Highlights(at, pixels[:, rows, columns].T, signed_radius[rows, columns])
+
+
+def split_samples(
+    samples: Sampled, channels: int, signed_radius: Tensor, limit: float
+) -> tuple[Sampled, Highlights | None]:
+    """Separate highlights from samples; their alpha stays, and the light has none.
+
+    Args:
+        samples: Of colours [C, H, W], or of colours and alpha.
+        channels: C.
+        signed_radius: [H, W] px of the nearest samples.
+        limit: The `threshold` of the frame.
+    """
+    own, others = samples
+    shown = own.color[:channels]
+    shown = shown if own.coverage is None else shown * own.coverage
+    layer = own.fringe.layer
+    bright = [shown.detach().amax(0) > limit]
+    bright += [sheet.detach()[:channels].amax(0) > limit for sheet, _ in others]
+    listed = layer.detach()[:, :channels].amax(1) > limit
+    if not bool(listed.any()) and not any(bool(each.any()) for each in bright):
+        return samples, None
+    dark = _darkened(own.color, channels, bright[0], 0)
+    rest = _darkened(layer, channels, listed[:, None], 1)
+    sheets = [
+        (_darkened(sheet, channels, where, 0), radius)
+        for where, (sheet, radius) in zip(bright[1:], others, strict=True)
+    ]
+    drawn = [(own.fringe.at[listed], layer[listed, :channels], own.fringe.signed_radius[listed])]
+    colors = [(shown, signed_radius), *((sheet[:channels], radius) for sheet, radius in others)]
+    for where, (color, radius) in zip(bright, colors, strict=True):
+        at = places_of(where)
+        row, column = at.unbind(1)
+        drawn.append((at, color[:, row, column].T, radius[row, column]))
+    at, light, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
+    light = torch.cat([light, torch.zeros_like(light[:, :1])], 1)
+    own = own._replace(color=dark, fringe=own.fringe._replace(layer=rest))
+    return Sampled(own, sheets), Highlights(at, light, radius)
+
+
+def _darkened(colors: Tensor, channels: int, where: Tensor, dim: int) -> Tensor:
+    """Colours whose first channels along a dimension are 0 where a mask holds."""
+    light, rest = colors.tensor_split([channels], dim)
+    return torch.cat([torch.where(where, 0.0, light), rest], dim)

@@ -108,7 +108,7 @@ def add_light(front: Tensor, light: Tensor) -> Tensor:
     return front
 
 
-def is_full(front: Tensor, full: Tensor | float = 1.0) -> bool:
+def is_full(front: Tensor, full: Tensor | float = 1.0, gap: float = 0.0) -> bool:
     """Whether no coverage is left to fill, if testing it is worthwhile.
 
     False if `front` needs a gradient, for the coverage left has one; and on a GPU, where reading
@@ -117,10 +117,11 @@ def is_full(front: Tensor, full: Tensor | float = 1.0) -> bool:
     Args:
         front: [M, C + 1, h, w], as in `share_behind`.
         full: As in `share_behind`.
+        gap: Gap that counts as none.
     """
     if front.requires_grad or not front.is_cpu:
         return False
-    return float((full - front[:, -1:]).amax()) <= _FULL * torch.finfo(front.dtype).eps
+    return float((full - front[:, -1:]).amax()) <= max(gap, _FULL * torch.finfo(front.dtype).eps)
 
 
 def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:

@@ -59,7 +59,11 @@ def depth_from_logarithm(share: Tensor, near: float, far: float) -> Tensor:
 
 
 def planar_depth(
-    distance: Tensor, focal_px: float, *, first_row: int = 0, height: int | None = None
+    distance: Tensor,
+    focal_px: float,
+    *,
+    first: tuple[int, int] = (0, 0),
+    size: tuple[int, int] | None = None,
 ) -> Tensor:
     """Depth along the optical axis z = d f / √(x² + y² + f²) of the distance d to the point.
 
@@ -67,23 +71,23 @@ def planar_depth(
     et al.: Hypersim, 2021 (issue 9 of its code).
 
     Args:
-        distance: [..., h, W], rows of a frame, whole from left to right; any unit; inf stays inf.
+        distance: [..., h, w], a window of a frame; any unit; inf stays inf.
         focal_px: Focal length of the picture in px.
-        first_row: Which row of the frame is the first of `distance`.
-        height: Rows of the frame; None if `distance` has all of them.
+        first: Row and column of the frame that are the first of `distance`; negative beyond it.
+        size: Rows and columns of the frame; None if `distance` has all of them.
 
     Returns:
-        Planar depth [..., h, W] in the unit of `distance`.
+        Planar depth [..., h, w] in the unit of `distance`.
 
     Raises:
         ValueError: If `focal_px` is not positive and finite.
     """
     if not 0 < focal_px < math.inf:
         raise ValueError(f"focal_px must be positive and finite, got {focal_px}")
-    rows, columns = distance.shape[-2:]
-    whole = rows if height is None else height
-    y = torch.arange(first_row, first_row + rows, device=distance.device)[:, None]
-    x = torch.arange(columns, device=distance.device)[None]
-    x, y = x.double() - (columns - 1) / 2, y.double() - (whole - 1) / 2
+    (rows, columns), (top, left) = distance.shape[-2:], first
+    height, width = size or (rows, columns)
+    y = torch.arange(top, top + rows, device=distance.device)[:, None]
+    x = torch.arange(left, left + columns, device=distance.device)[None]
+    x, y = x.double() - (width - 1) / 2, y.double() - (height - 1) / 2
     cosine = focal_px / torch.sqrt(x.square() + y.square() + focal_px**2)
     return distance * cosine.to(distance.dtype)

@@ -28,6 +28,8 @@ from defocus_core.runtime.threads import threaded
 _EDGES = 0.4
 # Greatest half width in px of a soft edge; px beside it in which the surfaces are seen.
 _HALF_EDGE, _BESIDE_EDGE = 14, 16
+# Intervals of a px in the histogram of widths of soft edges.
+_PER_PX = 10
 # Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
 _RARE = 16
 # Distance of the rows that are searched for levels, counted from either end of the frame.
@@ -67,6 +69,9 @@ class DepthRepair(NamedTuple):
         edge_shifts: The displacements of edges from those of the colours, which are undone; None
             if edges stay where they are.
         quantised: Whether steps between few levels become slopes.
+        edge_width: Px over which soft edges go from one surface to the other, in the median, or as
+            it was said; None if edges are not soft.
+        share: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
     """
 
     noise: float | None = None
@@ -75,6 +80,8 @@ class DepthRepair(NamedTuple):
     ramps: bool = False
     edge_shifts: EdgeShifts | None = None
     quantised: bool = False
+    edge_width: float | None = None
+    share: float = 0.0
 
 
 def diagnosed(
@@ -139,7 +146,7 @@ def _repair(
     slope = slope_of_soft_edges(
         float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
     )
-    soft = _mostly_soft(signed_radius, slope) if softest > slope else 0
+    soft, width = _mostly_soft(signed_radius, slope) if softest > slope else (0, None)
     averaged = torch.stack([band.averages for band in of_bands]).sum(0)
     antialiased = averaged_from(averaged, infinity, soft)
     return DepthRepair(
@@ -147,6 +154,7 @@ def _repair(
         ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
         soft_edges=slope if soft and antialiased is None else None,
         quantised=are_few([band.levels for band in of_bands]),
+        edge_width=width if soft and antialiased is None else None,
     )
 
 
@@ -163,22 +171,32 @@ def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
     return pixels > 0 and hard <= enough
 
 
-def _mostly_soft(signed_radius: Pixels, steep: float) -> int:
-    """The number of pixels on soft edges steeper than a slope; 0 if hard edges have more pixels.
+def _mostly_soft(signed_radius: Pixels, steep: float) -> tuple[int, float | None]:
+    """The number of pixels on soft edges steeper than a slope, and the median width of edges in px.
 
-    And 0 if so large a share of the frame is steep that it is a surface, as in a frame of few px.
+    0 if hard edges have more pixels, and if so large a share of the frame is steep that it is a
+    surface, as in a frame of few px.
     """
     soft = hard = 0
+    widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)
     for first, last in bands(*signed_radius.shape):
         above = min(first, _BESIDE_EDGE + 1)
         around = signed_radius[first - above : last + _BESIDE_EDGE + 1].detach()
-        slope = softness(steepness(around))
+        steepest = steepness(around)
+        slope = softness(steepest)
         least, most = (
             extreme_around(around, _BESIDE_EDGE, end) for end in (torch.minimum, torch.maximum)
         )
         to_ends = torch.maximum(around - least, most - around)
         is_edge = (slope > steep) & (to_ends < _HALF_EDGE * slope)
         soft += int(is_edge[above : above + last - first].sum())
+        middle = is_edge & (steepest == extreme_around(steepest, 1, torch.maximum))
+        wide = ((most - least) / steepest)[above : above + last - first]
+        wide = wide[middle[above : above + last - first]] * _PER_PX
+        widths += torch.bincount(wide.round().long().cpu(), minlength=len(widths))
         hard += int(hard_steps(signed_radius[max(first - 2, 0) : last + 2].detach(), steep))
     height, width = signed_radius.shape
-    return soft if hard < soft < _EDGES * height * width else 0
+    if not hard < soft < _EDGES * height * width:
+        return 0, None
+    half = int((widths.cumsum(0) < widths.sum() / 2).sum())
+    return soft, half / _PER_PX

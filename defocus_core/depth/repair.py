@@ -16,13 +16,20 @@ from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
-from defocus_core.depth.soft_edges import AROUND as AROUND_RAMPS
-from defocus_core.depth.soft_edges import STEEP, without_ramps
-from defocus_core.images.derived import Repaired, held
-from defocus_core.images.source import Pixels
+from defocus_core.depth.repair_options import RepairOptions, repair_options
+from defocus_core.depth.soft_edges import (
+    STEEP,
+    around_ramps,
+    slope_of_soft_edges,
+    without_ramps,
+)
+from defocus_core.images.derived import Repaired, held, share_changed
+from defocus_core.images.neighbourhoods import ends_of
+from defocus_core.images.source import Pixels, banded
 
-# Choices of depth repair: "auto" repairs a depth map that needs it, "off" none.
-DEPTH_REPAIRS = ("auto", "off")
+# Range of the radii of a frame, in the smallest steps whose edges are as wide as is said.
+_SMALL_STEPS = 3
+_BY_DIAGNOSIS = RepairOptions()
 
 
 def repaired(
@@ -32,6 +39,8 @@ def repaired(
     infinity: float | None,
     threads: int,
     hold: bool,
+    options: RepairOptions = _BY_DIAGNOSIS,
+    decided: DepthRepair | None = None,
 ) -> tuple[Pixels, DepthRepair]:
     """Signed radii as a renderer of scenes would write them, and the repair that was needed.
 
@@ -44,41 +53,115 @@ def repaired(
         threads: Number of bands of rows computed at once.
         hold: Whether there is room for the repaired radii of a large picture that is no tensor;
             without room each window is repaired when it is cut.
+        options: What is known of soft edges; the diagnosis finds the rest.
+        decided: The repair, where it is known already; None to find it.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
     """
     hold_all = partial(held, threads=threads, hold=hold)
-    radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+    if decided is None:
+        radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+        repair = _as_said(repair, options, radii)
+    else:
+        radii, repair = _quiet(signed_radius, decided.noise, threads, hold=hold), decided
     if repair.antialiased is not None:
         repair_window = partial(without_averages, infinity=repair.antialiased)
         radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
     elif repair.soft_edges is not None or repair.ramps:
-        repair_window = partial(without_ramps, steep=repair.soft_edges or STEEP)
-        radii = hold_all(Repaired(radii, repair_window, AROUND_RAMPS), radii)
-    shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
+        steep = STEEP if repair.soft_edges is None else repair.soft_edges
+        width = options.edge_width
+        repair_window = partial(without_ramps, steep=steep, edge_width=width)
+        radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
+    shifts = repair.edge_shifts
+    if decided is None:
+        shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
         repair_window = partial(with_shifted_edges, shifts=shifts)
         radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, pixels), radii, pixels)
     if repair.quantised:
         radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
-    return radii, repair
+    return radii, repair._replace(share=share_changed(signed_radius, radii))
+
+
+def _as_said(repair: DepthRepair, options: RepairOptions, radii: Pixels) -> DepthRepair:
+    """The repair that was found, with soft edges as they are said to be."""
+    if options.edge_width == 0:
+        return repair._replace(soft_edges=None, ramps=False, edge_width=None)
+    if options.soft_edges is None and options.edge_width is None:
+        return repair
+    slope, width = options.soft_edges, options.edge_width
+    if slope is None:
+        ends = torch.stack([ends_of(band) for band in banded(radii)])
+        least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
+        slope = slope_of_soft_edges(least, most, radii.shape)
+        slope = min(slope, (most - least) / (_SMALL_STEPS * width)) if width else slope
+    width = repair.edge_width if width is None else width
+    return repair._replace(antialiased=None, soft_edges=slope, ramps=True, edge_width=width)
 
 
 def diagnose_depth(
-    signed_radius: Pixels, infinity: float | None = None, threads: int = 1
+    signed_radius: Pixels,
+    infinity: float | None = None,
+    threads: int = 1,
+    *,
+    depth_repair: str = "auto",
+    edge_width: float | None = None,
 ) -> DepthRepair:
-    """The repair that a depth map needs before it is rendered.
+    """The repair that a depth map needs before it is rendered, as far as it shows without colours.
 
     Args:
         signed_radius: [H, W] px.
         infinity: As for `render`.
         threads: Number of bands of rows examined at once.
+        depth_repair: As for `render`.
+        edge_width: As for `render`.
+
+    Raises:
+        ValueError: If an option is out of its range.
     """
+    options = repair_options(depth_repair, edge_width)
+    if not options.on:
+        return DepthRepair()
     hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
-        return _diagnosed(signed_radius, infinity, threads, hold=hold)[1]
+        radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+        return _as_said(repair, options, radii)
+
+
+def repair_depth(
+    signed_radius: Pixels,
+    image: Pixels,
+    infinity: float | None = None,
+    threads: int = 1,
+    *,
+    depth_repair: str = "auto",
+    edge_width: float | None = None,
+) -> tuple[Pixels, DepthRepair]:
+    """The signed radii by which `render` renders a picture, and the repair that made them.
+
+    Args:
+        signed_radius: [H, W] px.
+        image: [C, H, W], linear light.
+        infinity: As for `render`.
+        threads: Number of bands of rows computed at once.
+        depth_repair: As for `render`.
+        edge_width: As for `render`.
+
+    Returns:
+        [H, W] px, the given radii themselves if they need no repair; and the repair.
+
+    Raises:
+        ValueError: If an option is out of its range.
+    """
+    options = repair_options(depth_repair, edge_width)
+    if not options.on:
+        return signed_radius, DepthRepair()
+    hold = isinstance(signed_radius, Tensor)
+    return repaired(
+        signed_radius, image, infinity=infinity, threads=threads, hold=hold, options=options
+    )
 
 
 def _diagnosed(
@@ -88,7 +171,13 @@ def _diagnosed(
     repair = diagnosed(signed_radius, infinity, threads)
     if repair.noise is None:
         return signed_radius, repair
-    smooth = partial(without_noise, noise=repair.noise)
-    quiet = Repaired(signed_radius, smooth, AROUND_NOISE)
-    radii = held(quiet, signed_radius, threads=threads, hold=hold)
+    radii = _quiet(signed_radius, repair.noise, threads, hold=hold)
     return radii, diagnosed(radii, infinity, threads, repair.noise)
+
+
+def _quiet(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bool) -> Pixels:
+    """Radii [H, W] px without noise of a standard deviation in px."""
+    if noise is None:
+        return signed_radius
+    quiet = Repaired(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
+    return held(quiet, signed_radius, threads=threads, hold=hold)

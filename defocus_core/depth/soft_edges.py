@@ -8,6 +8,7 @@ steepest descent and ascent lead to both ends of the ramp; it gets the radius of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -31,37 +32,56 @@ _WITHIN, _WITHIN_SHARE, LEAST = 60, 1 / 4, 0.1513
 _STEP, _LEVEL = 2.013, 0.2513
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
 _FOOT, _FOOT_SHARE = 10, 0.3
-# Longest path to an end of a ramp, in px; difference of radii in px by which steps are as steep.
+# Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
+# in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
-# Px around a pixel that decide what it becomes.
-AROUND = _LONGEST + _FOOT + 2
 
 
-def without_ramps(signed_radius: Tensor, steep: float = STEEP) -> Tensor:
+def longest_ramp(edge_width: float | None) -> int:
+    """Px of the longest ramp that is an edge, given the width of edges if it is known."""
+    return _LONGEST if edge_width is None else max(1, math.ceil(edge_width))
+
+
+def around_ramps(edge_width: float | None) -> int:
+    """Px around a pixel that decide what `without_ramps` makes of it."""
+    longest = longest_ramp(edge_width)
+    return longest + max(_FOOT, longest // 2) + 2
+
+
+def without_ramps(
+    signed_radius: Tensor, steep: float = STEEP, edge_width: float | None = None
+) -> Tensor:
     """Radii [H, W] px with steps in the place of ramps.
 
-    Hard edges and slopes of up to `steep` px per px stay, and so do slopes of more than 16 px.
+    Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
+
+    Args:
+        signed_radius: [H, W] px.
+        steep: Least slope of a ramp in px per px.
+        edge_width: Width of the widest edges in px; None if it is not known, for 16 px.
     """
+    longest = longest_ramp(edge_width)
+    foot_of = max(_FOOT, longest // 2)
     slope = steepness(signed_radius)
     core = torch.where(exceeding(slope, steep), slope, 0.0)
     if not bool(core.any()):
         return signed_radius
-    ramp = slope > _FOOT_SHARE * extreme_around(core, _FOOT, torch.maximum)
+    ramp = slope > _FOOT_SHARE * extreme_around(core, foot_of, torch.maximum)
     foot, ramp = ramp, core > 0
-    for _ in range(_FOOT):  # what lies beside it without a link is another surface
+    for _ in range(foot_of):  # what lies beside it without a link is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
     at, (H, W) = places_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = radii.detach()
-    near, far = _path_end(flat, around, index), _path_end(-flat, around, index)
+    near, far = (_path_end(values, around, index, longest) for values in (flat, -flat))
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     low, high = radii[near], radii[far]
     ends = torch.where(radii[index] < halfway(low, high), low, high)
     return radii.index_copy(0, index, torch.where(found, ends, radii[index])).reshape(H, W)
 
 
-def _path_end(values: Tensor, around: Tensor, index: Tensor) -> Tensor:
+def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
     """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
 
     Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
@@ -71,11 +91,12 @@ def _path_end(values: Tensor, around: Tensor, index: Tensor) -> Tensor:
         values: [H * W].
         around: [n, 9] numbers of the pixels and of their neighbours.
         index: [n] numbers of the pixels.
+        longest: Most px of a path.
     """
     beside = values[around]
     steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
     end = torch.arange(len(values), device=values.device)
-    for _ in range(_LONGEST):
+    for _ in range(longest):
         ends = end[around]
         lowest = torch.where(steepest, values[ends], torch.inf).argmin(1, keepdim=True)
         end.index_copy_(0, index, ends.gather(1, lowest)[:, 0])

@@ -46,12 +46,23 @@ def corner_rims(frame: Frame, box: Box) -> list[Rim]:
     ]
 
 
-def rims_of(frame: Frame, at: Tensor, box: Box) -> Rim | None:
-    """The rims that pixels [n, 2], rows and columns of a box, see: [n] places."""
+def rims_of(frame: Frame, at: Tensor, core: Box, region: Box) -> Rim | None:
+    """The rim as pixels [n, 2], rows and columns, see it: [n] places.
+
+    Args:
+        frame: The frame.
+        at: Rows and columns of pixels, counted as `core` is.
+        core: A region, counted from any pixel.
+        region: The same region, counted from the first pixel of the frame.
+    """
     cat_eye = frame.settings.cat_eye
     if cat_eye is None:
         return None
-    y, x = (at + at.new_tensor([box.top, box.left]) + 0.5).to(frame.dtype).unbind(1)
+    y, x = (
+        (at + at.new_tensor([region.top - core.top, region.left - core.left]) + 0.5)
+        .to(frame.dtype)
+        .unbind(1)
+    )
     return cat_eye.rim(x, y, frame.size)
 
 

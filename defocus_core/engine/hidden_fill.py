@@ -22,7 +22,7 @@ from defocus_core.images.sparse_masks import numbers_of
 from defocus_core.images.tiling import Grid
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.layers.ladder import position
-from defocus_core.layers.sliced_surface import Samples
+from defocus_core.layers.samples import Samples
 
 
 class Hidden:

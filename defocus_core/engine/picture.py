@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
+from torch import Tensor
+
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
@@ -19,6 +21,7 @@ from defocus_core.images.views import Views
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import SHARP
 from defocus_core.layers.quality import find
+from defocus_core.layers.stacked_samples import Layered
 
 
 class Picture:
@@ -31,6 +34,7 @@ class Picture:
         frame: The frame, in px or in cells.
         image: [C, h, w] pixels to render; at half size cells, with one channel more.
         signed_radius: [h, w] radii to render by, in px or in cells.
+        reaching: [h, w] the radii whose light reaches farthest, in px or in cells.
     """
 
     def __init__(
@@ -40,6 +44,7 @@ class Picture:
         settings: Settings,
         hidden: Behind | None,
         *,
+        layered: Layered | None = None,
         hold: bool = False,
     ) -> None:
         """Repair the depth, and prepare the frame.
@@ -49,6 +54,8 @@ class Picture:
             signed_radius: [H, W] px.
             settings: The options.
             hidden: The known layer behind the visible surface.
+            layered: The layers of which `image`, with alpha, and `signed_radius` are the picture;
+                they are rendered as they are, not repaired and not at half size.
             hold: Whether there is room for the repaired radii and the cells of a large picture that
                 is no tensor; without room they are computed anew for each window.
 
@@ -58,24 +65,39 @@ class Picture:
         threads, quality = settings.threads, find(settings.quality)
         self.size = signed_radius.shape[0], signed_radius.shape[1]
         self.repair = DepthRepair()
-        if settings.depth_repair == "auto":
+        if settings.repair.on and layered is None:
             signed_radius, self.repair = repaired(
-                signed_radius, image, infinity=settings.infinity, threads=threads, hold=hold
+                signed_radius,
+                image,
+                infinity=settings.infinity,
+                threads=threads,
+                hold=hold,
+                options=settings.repair,
+                decided=settings.decided,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
-        self.at_half_size = quality.half_size and settings.by_scene and _is_blurred(signed_radius)
+        self._layered = layered
+        if layered is not None:
+            quality = quality.of_layers(layered.number)
+        by_scene = quality.half_size and settings.by_scene
+        self.at_half_size = by_scene and _is_blurred(signed_radius)
         if self.at_half_size:
             quality, cells = quality.in_cells(), partial(half_size, threads=threads, hold=hold)
             self.image = cells(means, image)
             self.signed_radius = cells(radii_in_cells, signed_radius, image)
             self._hidden = hidden and behind_at_half_size(hidden, threads, hold=hold)
+        counted, self.reaching = self.image, self.signed_radius
+        if layered is not None:
+            counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
+            self.reaching = layered.most_blurred()
         self.frame = frame_of(
-            self.image,
+            counted,
             self.signed_radius,
             settings,
             quality,
             self._hidden,
             quantised=self.repair.quantised and not self.at_half_size,
+            layered=layered,
         )
         self._enlarging: Enlarging | None = None
         if self.at_half_size:
@@ -100,6 +122,8 @@ class Picture:
             self.image,
             self.signed_radius,
             self._hidden,
+            layered=self._layered,
+            reaching=self.reaching,
             at_once=at_once,
             progress=progress,
         )

@@ -27,6 +27,7 @@ from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import evenly, layers, rungs
 from defocus_core.layers.octaves import kept_apart, turns
 from defocus_core.layers.quality import Quality
+from defocus_core.layers.stacked_samples import Layered
 
 
 def frame_of(
@@ -37,6 +38,7 @@ def frame_of(
     hidden: Behind | None,
     *,
     quantised: bool = False,
+    layered: Layered | None = None,
 ) -> Frame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
@@ -47,6 +49,7 @@ def frame_of(
         quality: Settings of the quality, in px or in cells.
         hidden: The known layer behind the visible surface.
         quantised: Whether radii had few levels before they were repaired.
+        layered: The layers of which `pixels` and `signed_radius` are the picture.
 
     Raises:
         ValueError: If a value is not finite, or a CoC does not fit psf_ks.
@@ -56,13 +59,15 @@ def frame_of(
     survey = surveyed(pixels, signed_radius, dtype, settings.threads)
     content = Content(
         ends=(survey.least, survey.most),
-        edges=max(survey.steepest) > EDGE,
+        edges=layered is not None or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
         quantised=quantised,
         signed=survey.darkest < 0,
         limit=threshold(survey.brightness, survey.brightest),
     )
     ends = content.ends if hidden is None else with_hidden(hidden, content.ends)
+    if layered is not None:
+        ends = layered.ends
     radii = _slice_radii(*ends, quality, settings)
     numbers = layers(radii, quality)
     exact = settings.num_layers is not None

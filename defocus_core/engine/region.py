@@ -14,7 +14,7 @@ from defocus_core.blur.layer_blur import Blur, Sliced
 from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.bokeh_discs import draw
 from defocus_core.compositing.frame_border import share_in_frame
-from defocus_core.compositing.highlights import split
+from defocus_core.compositing.highlights import Highlights, split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
 from defocus_core.engine.field import corner_rims, frame_at, rims_of
 from defocus_core.engine.frame import Frame
@@ -30,7 +30,7 @@ from defocus_core.inpainting.hidden_layers import hidden_layer
 from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, unmixed, whole
-from defocus_core.layers.sliced_surface import Samples
+from defocus_core.layers.samples import Samples, Sheet
 from defocus_core.layers.slopes import AROUND as AROUND_SLOPES
 from defocus_core.layers.slopes import slopes
 from defocus_core.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
@@ -63,7 +63,7 @@ class Region:
             pixels: [C, H, W] of the frame, in any precision.
             signed_radius: [H, W] px of the frame.
             behind: The known layer behind the visible surface of the frame.
-            backdrop: The frame at low resolution; None if nothing in it is hidden.
+            backdrop: The frame at low resolution; None if nothing in it is continued.
         """
         frame = frame_at(frame, grid.box)
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
@@ -82,11 +82,11 @@ class Region:
         pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
         if content.edges:  # pixels beside them are looked up by their numbers
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
-        pixels, highlights = split(pixels, signed_radius, content.limit)
         inmost = core.seen_from(outer)
+        self._others: list[Sheet] = []
+        own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
-        unmixes = content.edges and frame.quality.unmixes
-        own = (unmixed if unmixes else whole)(pixels, signed_radius)
+        self._like = own.color
         places = position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         self._hidden: list[Filling] = []
@@ -94,17 +94,25 @@ class Region:
             self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
         self._highlights: Tensor | None = None
         if highlights and places is not None:
-            aperture, parts, *_ = frame.division
-            self._highlights = draw(
-                highlights,
-                signed_radius,
-                places,
-                slices.radii,
-                aperture,
-                parts,
-                inmost,
-                barrel=rims_of(frame, highlights.at, outer),
-            )
+            self._highlights = self._drawn(highlights, signed_radius, places, inmost)
+
+    def _surfaces(
+        self, pixels: Tensor, signed_radius: Tensor, outer: Box
+    ) -> tuple[Unmixed, Tensor, Highlights | None]:
+        """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
+        frame = self._frame
+        pixels, highlights = split(pixels, signed_radius, frame.content.limit)
+        unmixes = frame.content.edges and frame.quality.unmixes
+        own = (unmixed if unmixes else whole)(pixels, signed_radius)
+        return own, signed_radius, highlights
+
+    def _drawn(
+        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
+    ) -> Tensor:
+        """The discs of highlights behind surfaces [H, W], for each part of the aperture."""
+        radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
+        barrel = rims_of(self._frame, highlights.at, core, self._grid.box)
+        return draw(highlights, signed_radius, places, radii, aperture, parts, core, barrel)
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
         """For each group the shares of its parts that look into the frame; None if all are 1."""
@@ -132,19 +140,8 @@ class Region:
         if frame.settings.left_right and frame.copies_in_focus:
             color = around.of(own.color)
             shifts = Shifts(color, radius, places, inner, radii, aperture, parts[groups[-1]])
-        fringe = own.fringe
-        at = fringe.at - fringe.at.new_tensor(inside[:2])
-        within = (at >= 0).all(1) & (at[:, 0] < inside.height) & (at[:, 1] < inside.width)
-        samples = Samples(
-            inside.of(own.color),
-            None if own.coverage is None else inside.of(own.coverage),
-            inner.of(places),
-            at[within],
-            fringe.layer[within],
-            position(fringe.signed_radius[within], radii),
-            None if lean is None else inner.of(lean),
-            shifts,
-        )
+        lean = None if lean is None else inner.of(lean)
+        samples = Samples.within(inside, own, inner.of(places), radii, lean, shifts, self._others)
         return self._blur.sliced(samples, 1, frame.slices.visible.layers)
 
     def _fillings(
@@ -219,15 +216,20 @@ class Region:
 
     def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
-        content, quality = self._frame.content, self._frame.quality
-        doubt = _DOUBT * quality.least_slope if content.quantised else None
-        visible = self._blur.over_tile(self._visible, index)
-        firsts = [next(iter(layers.values())).layer for layers in visible]
-        size = self._tiles[index][2:]
-        blank = [layer.new_zeros(*layer.shape[:2], *size) for layer in firsts]
-        fronts = Fronts(blank, self._full(index), doubt)
+        fronts, visible = self._blank(index), self._blur.over_tile(self._visible, index)
         turns, reaching = self._frame.slices.turns, self._reaching(index)
         return fronts, add_in_order(fronts, visible, reaching, turns, index)
+
+    def _blank(self, index: int) -> Fronts:
+        """The views of a tile without surfaces."""
+        content, quality = self._frame.content, self._frame.quality
+        doubt = _DOUBT * quality.least_slope if content.quantised else None
+        size, like = self._tiles[index][2:], self._like
+        blank = [
+            like.new_zeros(group.stop - group.start, len(like) + 1, *size)
+            for group in self._frame.division.groups
+        ]
+        return Fronts(blank, self._full(index), doubt)
 
     def _reaching(self, index: int) -> list[Filling]:
         """The hidden surfaces that reach a tile, known before invented."""

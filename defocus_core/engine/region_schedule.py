@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.engine.frame import Frame
+from defocus_core.engine.layered_region import LayeredRegion
 from defocus_core.engine.region import Region
 from defocus_core.engine.unchanged_parts import blurred_part
 from defocus_core.images.box import Box
@@ -18,6 +19,7 @@ from defocus_core.images.tiling import Grid, regions
 from defocus_core.images.views import Views, added, joined
 from defocus_core.inpainting.frame_pyramid import backdrop_of
 from defocus_core.inpainting.known_layer import Behind
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.runtime.checkpointing import recomputed, unrecorded
 from defocus_core.runtime.threads import threaded
 
@@ -34,6 +36,8 @@ def rendered_regions(
     signed_radius: Pixels,
     hidden: Behind | None,
     *,
+    layered: Layered | None,
+    reaching: Pixels,
     at_once: int | None,
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Views]:
@@ -44,15 +48,19 @@ def rendered_regions(
         pixels: [C, H, W], in any precision; the views are in the precision of the frame.
         signed_radius: [H, W] px.
         hidden: The known layer behind the visible surface.
+        layered: The layers of which `pixels` and `signed_radius` are the picture.
+        reaching: [H, W] px, the radii whose light reaches farthest.
         at_once: Greatest number of regions computed at once; None for as many as threads.
         progress: As for `render`.
     """
     threads, content = frame.settings.threads, frame.content
     backdrop = None
-    if content.edges:
-        backdrop = backdrop_of(
-            pixels, signed_radius, content.limit, frame.dtype, threads, content.ends
-        )
+    if content.edges and (layered is None or layered.is_continued):
+        shown, limit = pixels, content.limit
+        if layered is not None:
+            shown = layered.picture(alpha=layered.blurs_alpha)
+            limit = max(limit, 1.0)  # alpha is no light
+        backdrop = backdrop_of(shown, signed_radius, limit, frame.dtype, threads, content.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
@@ -67,12 +75,16 @@ def rendered_regions(
                 progress(number, len(frame.grid.tiles))
 
     def computed(grid: Grid) -> Views:
-        part = blurred_part(frame, grid, signed_radius) if may_copy else grid
+        part = blurred_part(frame, grid, reaching) if may_copy else grid
         if part is None:
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
         with unrecorded():
-            region = Region(frame, part, pixels, signed_radius, hidden, backdrop)
+            region = (
+                Region(frame, part, pixels, signed_radius, hidden, backdrop)
+                if layered is None
+                else LayeredRegion(frame, part, pixels, signed_radius, layered, backdrop)
+            )
             each = range(len(part.tiles))
             for tile in threaded(recomputed(region.tile), each, threads // at_once):
                 tiles.append(tile)

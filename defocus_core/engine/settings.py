@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from defocus_core.depth.repair import DEPTH_REPAIRS
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.runtime.validation import described, flag, number, one_of, whole
+from defocus_core.runtime.validation import described, flag, number, whole
 
 _MOST_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
 _BY_SCENE = "None lets the scene decide"
@@ -20,6 +21,9 @@ _BY_SCENE = "None lets the scene decide"
 @dataclass(frozen=True)
 class Settings:
     """The options that `render` explains.
+
+    Attributes:
+        decided: The repair of depth, where it is known already, as for a frame of a shot.
 
     Raises:
         ValueError: If an option is out of its range.
@@ -34,6 +38,8 @@ class Settings:
     tile: int | None = None
     infinity: float | None = None
     depth_repair: str = "auto"
+    edge_width: float | None = None
+    decided: DepthRepair | None = None
     dual_pixel: DualPixel = field(default_factory=DualPixel)
     cat_eye: CatEye | None = None
 
@@ -50,7 +56,7 @@ class Settings:
             raise ValueError(f"{problem}; None clips nothing")
         find(self.quality)
         flag("left_right", self.left_right)
-        one_of("depth_repair", self.depth_repair, DEPTH_REPAIRS)
+        repair_options(self.depth_repair, self.edge_width)
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
@@ -67,6 +73,11 @@ class Settings:
                 raise ValueError(f"{problem}; None if not known")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def repair(self) -> RepairOptions:
+        """Whether, and by which knowledge, depth is repaired."""
+        return repair_options(self.depth_repair, self.edge_width)
 
     @property
     def by_scene(self) -> bool:

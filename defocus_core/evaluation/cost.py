@@ -116,7 +116,7 @@ def cells_bytes(shape: tuple[int, ...]) -> float:
 
 def _computed(stream: Stream) -> list[Grid]:
     """The regions that are computed, cut to their blurred parts; the others are copied."""
-    frame, radius = stream.frame, stream.signed_radius
+    frame, radius = stream.frame, stream.reaching
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = (blurred_part(frame, grid, radius) for grid in every)
     return [part for part in parts if part]

@@ -16,6 +16,10 @@ from defocus_core.runtime.threads import threaded
 # A derived picture of at most this many pixels is kept in memory, even if its source is not.
 _HELD = 1 << 22
 
+# Side in px of a window whose changes are counted; of how many windows one is, in a large picture;
+# and how many windows the sample moves on from one column of windows to the next.
+_SIDE, _SAMPLED, _SHIFT = 256, 16, 5
+
 # Least height of a band, as a multiple of the margin.
 _BAND_OF_MARGIN = 6
 
@@ -80,6 +84,25 @@ def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
     if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= _HELD:
         return picture.at_once(threads)
     return picture
+
+
+def share_changed(before: Pixels, after: Pixels) -> float:
+    """The share of the pixels [H, W] that differ.
+
+    Of a large picture in a sample of windows, so that one that is computed at each read costs
+    little, and has the same share as one in memory.
+    """
+    if after is before:
+        return 0.0
+    (H, W), differ, count = before.shape, 0, 0
+    every = 1 if H * W <= _HELD else _SAMPLED
+    for row in range(0, H, _SIDE):
+        for column in range(0, W, _SIDE):
+            if (row // _SIDE + column // _SIDE * _SHIFT) % every == 0:
+                window = slice(row, row + _SIDE), slice(column, column + _SIDE)
+                differ += int((before[window] != after[window]).sum())
+                count += before[window].numel()
+    return differ / count
 
 
 class Repaired(Derived):

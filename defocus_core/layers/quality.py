@@ -28,6 +28,7 @@ class Quality:
             in focus afterwards.
         parts: Number of parts of the aperture that are composited one by one for the centre image:
             1, 4 or 16. With 1, the dual-pixel pair composites its halves in addition.
+        known_parts: The same where layers say what is hidden: more parts are more accurate then.
     """
 
     near_spacing: float
@@ -40,6 +41,12 @@ class Quality:
     full_resolution: float
     half_size: bool
     parts: int
+    known_parts: int
+
+    def of_layers(self, number: int) -> Quality:
+        """The same settings for a picture of so many layers, which is not rendered at half size."""
+        parts = self.parts if number == 1 else self.known_parts
+        return replace(self, half_size=False, parts=parts)
 
     def in_cells(self) -> Quality:
         """The same settings for a picture at half size: lengths in cells of two px."""
@@ -58,6 +65,7 @@ _DRAFT = Quality(
     full_resolution=28.0,
     half_size=True,
     parts=1,
+    known_parts=1,
 )
 _STANDARD = replace(
     _DRAFT,
@@ -68,6 +76,7 @@ _STANDARD = replace(
     least_slope=0.1013,
     full_resolution=20.0,
     half_size=False,
+    known_parts=4,
 )
 _HIGH = replace(
     _STANDARD,
@@ -80,7 +89,13 @@ _HIGH = replace(
     parts=4,
 )
 _REFERENCE = replace(
-    _HIGH, far_spacing=0.04, layer_ratio=1.2, least_slope=0.0213, full_resolution=60.0, parts=16
+    _HIGH,
+    far_spacing=0.04,
+    layer_ratio=1.2,
+    least_slope=0.0213,
+    full_resolution=60.0,
+    parts=16,
+    known_parts=16,
 )
 QUALITY: dict[str, Quality] = {
     "draft": _DRAFT,

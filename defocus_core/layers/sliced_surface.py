@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -17,35 +16,11 @@ from defocus_core.layers.extents import Patch, patches
 from defocus_core.layers.fringe_samples import FringeSamples
 from defocus_core.layers.ladder import membership
 from defocus_core.layers.planar_slices import Planes
-from defocus_core.layers.subpixel_shifts import Shifts
+from defocus_core.layers.samples import Samples
 
 # Rows of samples averaged at once are a multiple of _BAND, of about _AREA samples: they stay in a
 # cache.
 _BAND, _AREA = 64, 1 << 16
-
-
-class Samples(NamedTuple):
-    """A layer of the scene as samples with positions on the ladder of slices.
-
-    Attributes:
-        color: [C, H, W].
-        coverage: [1, H, W], the share of each pixel that the layer covers; None if all are whole.
-        places: [H, W] positions.
-        at: [n, 2] rows and columns of fringe samples.
-        extra: [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels.
-        extra_places: [n] positions of fringe samples.
-        slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
-        shifts: Sub-pixel shifts of the colours near focus; None if they are not rendered.
-    """
-
-    color: Tensor
-    coverage: Tensor | None
-    places: Tensor
-    at: Tensor
-    extra: Tensor
-    extra_places: Tensor
-    slopes: Tensor | None
-    shifts: Shifts | None
 
 
 class Surface:
@@ -88,6 +63,8 @@ class Surface:
         blocks = blocks_of(samples.places, count, exists)
         if len(samples.at):
             blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
+        for layer, places in samples.others:
+            blocks |= blocks_of(places, count, layer.detach()[-1].bool())
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._blocks = blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
@@ -100,10 +77,15 @@ class Surface:
                 self._planes = planes
         color, self._coverage = samples.color, samples.coverage
         if self._coverage is None:
-            self._layer = self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, H, W)])
+            layer = self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, H, W)])
         else:
-            self._layer = self._framed([color * self._coverage, self._coverage])
+            layer = self._framed([color * self._coverage, self._coverage])
         self._places, self._shifts = self._framed([samples.places[None]])[0], samples.shifts
+        self._sheets = [(layer, self._places)]
+        self._sheets += [
+            (self._framed([layer]), self._framed([places[None]])[0])
+            for layer, places in samples.others
+        ]
         self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
         self._fringe = None
         if len(samples.at):
@@ -145,18 +127,27 @@ class Surface:
             lit: The rectangle of the window that is not zero. It begins at the first row and column
                 of the layer or of the window; samples after its end are set to 0.
         """
-        places, layer = (self._unframed(window, x) for x in (self._places, self._layer))
-        shares = membership(places, self._ladder[rungs.start : rungs.stop])
+        (layer, shares), *others = (
+            (self._unframed(window, layer), self._lit_shares(places, rungs, window, lit))
+            for layer, places in self._sheets
+        )
+        slices = layer[:, None] * shares
+        for layer, shares in others:
+            slices = slices.addcmul_(layer[:, None], shares)
+        if self._fringe:
+            self._fringe.add(slices, self._layers[rungs.start], rungs.start, window, lit)
+        return slices
+
+    def _lit_shares(self, places: Tensor, rungs: range, window: Box, lit: Box) -> Tensor:
+        """Shares [k, height, width] of the pixels of a window in slices; 0 after the end of lit."""
+        shares = membership(self._unframed(window, places), self._ladder[rungs.start : rungs.stop])
         ends = lit.seen_from(window).sides
         below, beside = window.height - ends[0].end, window.width - ends[1].end
         if below > 0:
             shares[:, -below:] = 0
         if beside > 0:
             shares[..., -beside:] = 0
-        slices = layer[:, None] * shares
-        if self._fringe:
-            self._fringe.add(slices, self._layers[rungs.start], rungs.start, window, lit)
-        return slices
+        return shares
 
     def shares(self, rungs: range, box: Box) -> Tensor:
         """The share [h, w] of each pixel in a range of slices."""
@@ -220,10 +211,10 @@ class Surface:
             tilted: Whether the slice has slopes.
         """
         kinds = 3 if tilted and self._slopes is not None else 1
-        result = self._layer.new_zeros(kinds, len(self._layer), *cells[2:])
+        first = self._sheets[0][0]
+        result = first.new_zeros(kinds, len(first), *cells[2:])
         for band in self._bands(rung, 1 << halvings, middle):
-            share = membership(self._unframed(band, self._places), self._ladder[rung : rung + 1])
-            pixels = (self._unframed(band, self._layer) * share)[None]
+            pixels = self._slice(rung, band)[None]
             if tilted and self._slopes is not None:
                 slopes = self._unframed(band, self._slopes)
                 pixels = torch.cat([pixels, pixels * slopes[:, None]])
@@ -240,6 +231,15 @@ class Surface:
             number = self._layers[rung]
             self._fringe.averaged(result[0], number, rung, 1 << halvings, cells, middle)
         return result
+
+    def _slice(self, rung: int, box: Box) -> Tensor:
+        """The pixels [C + 1, h, w] of a slice in a box, without fringe."""
+        layer, *others = (
+            self._unframed(box, layer)
+            * membership(self._unframed(box, places), self._ladder[rung : rung + 1])
+            for layer, places in self._sheets
+        )
+        return sum(others, layer)
 
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""

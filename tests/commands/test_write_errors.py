@@ -23,7 +23,7 @@ from command_line import (
     run,
 )
 
-from defocus_cli.formats import exr
+from defocus_cli.exr import writing
 from defocus_cli.rendering import delivery, job_steps
 from defocus_cli.system.interrupts import put_off
 
@@ -130,7 +130,7 @@ def test_a_file_that_another_worker_wrote_meanwhile_stays(
         other.replace(out / "render" / "color.exr")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(exr, "write_exr", full)
+    monkeypatch.setattr(writing, "write_exr", full)
     refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, "No space left")
     assert (out / "render" / "color.exr").read_text() == "theirs"
 

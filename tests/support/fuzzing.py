@@ -30,7 +30,7 @@ def sound_files(folder: Path) -> dict[str, bytes]:
     """The bytes of a small sound file of each format, codec and layout, by name."""
     from image_files import multi_part, random_planes, save, write_deep
 
-    from defocus_cli.formats.exr import write_exr
+    from defocus_cli.exr.writing import write_exr
 
     folder.mkdir(parents=True, exist_ok=True)
     names = {"8": np.uint8, "16": np.uint16}

@@ -12,8 +12,8 @@ from image_files import box, multi_part, random_planes, save, write_deep, write_
 from defocus_cli.depth_formats.depth import Depth, require_valid
 from defocus_cli.depth_formats.depth import read_depth as read_any
 from defocus_cli.depth_formats.reading import DepthReading
+from defocus_cli.exr.writing import write_exr
 from defocus_cli.formats.color import read_color
-from defocus_cli.formats.exr import write_exr
 from defocus_cli.formats.exr_channels import NoDepthChannel
 from defocus_cli.system.errors import InputError, UsageProblem
 
@@ -163,8 +163,8 @@ def test_require_valid_names_count_and_first_pixel(tmp_path: Path) -> None:
 
 def test_depth_must_cover_the_picture(tmp_path: Path) -> None:
     write_window(tmp_path / "a.exr", {"Z": plane(0, (3, 4))}, box(1, 1, 4, 3), box(0, 0, 5, 5))
-    with pytest.raises(InputError, match=r"data window"):
-        read_depth(tmp_path / "a.exr")
+    with pytest.raises(InputError, match=r"in 24 pixels.* data window is 4x3 at 1,1 only"):
+        require_valid(read_depth(tmp_path / "a.exr"))
     overscan = plane(0, (8, 9))
     write_window(tmp_path / "b.exr", {"Z": overscan}, box(-1, -2, 7, 5), box(0, 0, 5, 3))
     np.testing.assert_array_equal(read_depth(tmp_path / "b.exr").metres, overscan[2:6, 1:7])

@@ -21,7 +21,7 @@ from command_line import (
 )
 from image_files import SCANLINE, box, write_window
 
-from defocus_cli.formats.exr_header import Raw, read_headers
+from defocus_cli.exr.header import Raw, read_headers
 from defocus_cli.rendering import memory_budget
 
 DEEP = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
@@ -34,14 +34,14 @@ def planes(names: str, height: int, width: int) -> dict[str, Any]:
     return {name: 1 + rng.random((height, width), np.float32) for name in names}
 
 
-def test_overscan_is_cropped_to_the_display_window_which_is_written_back(
+def test_overscan_is_read_and_cropped_to_the_display_window_which_is_written_back(
     tmp_path: Path, out: Path
 ) -> None:
     whole = planes("RGB", HEIGHT + 7, WIDTH + 5) | {"Z": np.full((HEIGHT + 7, WIDTH + 5), 2.0, "f")}
     path = tmp_path / "a.exr"
     write_window(path, dict(whole), box(X - 2, Y - 3, X + WIDTH + 2, Y + HEIGHT + 3), box(*DISPLAY))
     ran = render(path, "-o", out, "-v", "--exr-type", "float", "--outputs", "render,coc")
-    note = f"cropped from {WIDTH + 5}x{HEIGHT + 7} at {X - 2},{Y - 3} to the display window"
+    note = "overscan 2 px left, 3 top, 3 right, 4 bottom"
     assert ran.err.count(note) == 2, "of colour and depth"
     assert "warning" not in ran.err
     assert run("info", path).out.count(note) == 2
@@ -54,15 +54,18 @@ def test_overscan_is_cropped_to_the_display_window_which_is_written_back(
 
 
 @pytest.mark.parametrize("names", ["RGB", "RGBA"])
-def test_a_frame_without_pixels_is_black_and_said_so(
+def test_a_frame_without_pixels_is_nothing_and_said_so(
     names: str, tmp_path: Path, depth: Path, out: Path
 ) -> None:
     path = tmp_path / "a.exr"
     write_window(path, planes(names, 6, 10), box(2, 1, 11, 6), box(0, 0, WIDTH - 1, HEIGHT - 1))
     ran = render(path, depth, "-o", out, "-v")
-    assert "  colour: EXR float, linear, 0 outside the data window 10x6 at 2,1\n" in ran.err
-    assert ("warning: black outside its data window" in ran.err) is (names == "RGB")
-    assert "0 outside the data window 10x6 at 2,1" in run("info", path).out
+    assert "  colour: EXR float, linear, nothing outside the data window 10x6 at 2,1\n" in ran.err
+    assert "warning" not in ran.err
+    alpha = read_exr(out / "render" / "a.exr")["A"]
+    assert alpha.max() > 0
+    assert alpha[-1].max() == 0
+    assert "nothing outside the data window 10x6 at 2,1" in run("info", path).out
 
 
 def test_a_part_that_no_output_can_hold_is_said_to_be_left_out(

@@ -20,10 +20,10 @@ from image_files import (
     write_window,
 )
 
+from defocus_cli.exr.header import Raw
+from defocus_cli.exr.writing import write_exr
 from defocus_cli.formats.color import BRIGHTEST, Color, read_color, require_finite
 from defocus_cli.formats.describe import describe
-from defocus_cli.formats.exr import write_exr
-from defocus_cli.formats.exr_header import Raw
 from defocus_cli.system import arrays
 from defocus_cli.system.errors import InputError, UsageProblem
 from defocus_core.engine import statistics
@@ -172,12 +172,14 @@ def test_exr_colour_is_taken_as_it_is(tmp_path: Path) -> None:
     assert color.extras["Z"].dtype == np.float16
 
 
-def test_outside_the_data_window_is_black(tmp_path: Path) -> None:
+def test_outside_the_data_window_is_nothing(tmp_path: Path) -> None:
     planes = {name: np.ones((3, 4), np.float16) for name in "RGB"}
     write_window(tmp_path / "a.exr", planes, box(2, 1, 5, 3), box(0, 0, 7, 5))
-    pixels = read_color(tmp_path / "a.exr").pixels
-    assert pixels.shape == (6, 8, 3)
-    assert pixels.sum() == pixels[1:4, 2:6].sum() == 3 * 4 * 3
+    color = read_color(tmp_path / "a.exr")
+    assert color.channels == ("R", "G", "B", "A")
+    pixels = color.pixels
+    assert pixels.shape == (6, 8, 4)
+    assert pixels.sum() == pixels[1:4, 2:6].sum() == 3 * 4 * 4
 
 
 def layered(path: Path, *layers: str) -> Path:
@@ -190,16 +192,16 @@ def layered(path: Path, *layers: str) -> Path:
 
 
 def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path: Path) -> None:
-    path = layered(tmp_path / "a.exr", "ViewLayer.Combined", "ViewLayer.DiffCol")
-    with pytest.raises(InputError, match=r"Combined, ViewLayer.DiffCol; .*--color-layer"):
+    path = layered(tmp_path / "a.exr", "ViewLayer.Emit", "ViewLayer.DiffCol")
+    with pytest.raises(InputError, match=r"DiffCol, ViewLayer.Emit; .*--color-layer"):
         read_color(path)
     expected = random_planes("RGB", seed=1)
     for name in ("ViewLayer.DiffCol", "viewlayer.diffcol"):
         color = read_color(path, layer=name)
         np.testing.assert_array_equal(color.pixels[..., 1], expected["G"])
         assert color.channels == ("R", "G", "B")
-        assert set(color.extras) == {f"ViewLayer.Combined.{c}" for c in "RGB"}
-    with pytest.raises(InputError, match=r"no colour layer beauty; it has ViewLayer.Combined"):
+        assert set(color.extras) == {f"ViewLayer.Emit.{c}" for c in "RGB"}
+    with pytest.raises(InputError, match=r"no colour layer beauty; it has ViewLayer.DiffCol"):
         read_color(path, layer="beauty")
 
 
@@ -233,14 +235,14 @@ def test_no_colour_names_the_channels_there_are(tmp_path: Path, names: str) -> N
         read_color(tmp_path / "a.exr")
 
 
-def test_luminance_chroma_is_not_taken_for_grey(tmp_path: Path) -> None:
+def test_lone_chroma_is_not_taken_for_colour(tmp_path: Path) -> None:
     planes = random_planes("Y")
-    write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
+    write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"]}, {})
     with pytest.raises(InputError, match="no colour channels"):
         read_color(tmp_path / "a.exr")
 
 
-def test_nor_if_its_chroma_is_subsampled(tmp_path: Path) -> None:
+def test_a_header_that_lies_about_chroma_is_an_error(tmp_path: Path) -> None:
     planes, path = random_planes("Y"), tmp_path / "a.exr"
     write_exr(path, {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
     data = bytearray(path.read_bytes())
@@ -248,7 +250,7 @@ def test_nor_if_its_chroma_is_subsampled(tmp_path: Path) -> None:
         sampling = data.index(name) + len(name) + 8  # behind the type and what is reserved
         data[sampling : sampling + 8] = struct.pack("<II", 2, 2)
     path.write_bytes(data)
-    with pytest.raises(InputError, match="no colour channels"):
+    with pytest.raises(InputError, match="truncated or damaged"):
         read_color(path)
 
 

@@ -34,7 +34,9 @@ def test_a_kind_is_written_alone_with_its_name(kind: Kind, tmp_path: Path) -> No
     file = written(tmp_path, kind)
     assert header(file)["defocus:kind"] == kind.name
     channels = read_exr(file)
-    assert set(channels) == (set("RGB") if kind.image else {kind.name})
+    views = ["", *(f"{view}." for view in kind.views[1:])]  # the default view has no name
+    colors = {f"{view}{name}" for view in views for name in "RGB"}
+    assert set(channels) == (colors if kind.image else {kind.name})
     assert {pixels.dtype for pixels in channels.values()} == {
         np.dtype(np.float16 if kind.image else np.float32)
     }
@@ -74,9 +76,10 @@ def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
     if kind.of_picture:  # tests of its own
         return
     views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
-    assert getattr(views, kind.name).shape[-3:] == (3 if kind.image else 1, 6, 8)
+    for view in kind.rendered_as:
+        assert getattr(views, view).shape[-3:] == (3 if kind.image else 1, 6, 8)
 
 
 def test_memory_is_counted_for_what_is_held_until_it_is_written() -> None:
-    expected = {"render": 8, "left": 8, "coc": 0, "disparity": 0, "trust": 4}
+    expected = {"render": 8, "left": 8, "coc": 0, "disparity": 0, "trust": 4, "multiview": 16}
     assert {name: KINDS[name].memory_bytes(4, 2) for name in expected} == expected

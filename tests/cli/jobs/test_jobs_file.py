@@ -31,10 +31,11 @@ depth-repair = "off"
     outputs = Outputs(tmp_path / "o", overwrite=True)
     job = read_jobs(jobs_file(tmp_path, FIXED + text), outputs, Machine(device="cpu", threads=3))[0]
     assert job.lens == Lens(50.0, 2.0, 2000.0)
-    assert job.reading == Reading(depth_unit="cm", depth_channel="Z", color_layer="beauty", part=1)
+    taken = {"depth_unit": "cm", "depth_channel": "Z", "color_layer": "beauty", "part": 1}
+    assert job.reading == Reading(**taken, depth_repair="off")
     kinds = ("render", "coc")
     assert job.outputs == Outputs(tmp_path / "o", kinds, "jpg", preview=True, overwrite=True)
-    assert job.machine == Machine("draft", depth_repair="off", device="cpu", threads=3)
+    assert job.machine == Machine("draft", device="cpu", threads=3)
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nexr-type = "float"\n')
     assert job.outputs.exr_type == "float"
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')

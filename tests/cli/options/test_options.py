@@ -49,7 +49,11 @@ def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
     command: click.Command,
 ) -> None:
     flags = {name for param in command.params for name in param.opts}
-    of_color = {"--color-layer", "--resize-depth"} if command is depth_command else set()
+    of_color = {
+        *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
+        *("--depth-repair", "--edge-width"),
+    }
+    of_color = of_color if command is depth_command else set()
     assert {f"--{name}" for name in NAMES_OF_OPTIONS} - of_color <= flags
     assert not of_color & flags
 

@@ -16,7 +16,8 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli.formats import exr, kinds
+from defocus_cli.exr import reading, writing
+from defocus_cli.formats import kinds
 from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.options import batch
@@ -43,7 +44,8 @@ def scratch(monkeypatch: pytest.MonkeyPatch) -> list[Scratch]:
     monkeypatch.setattr(Scratch, "__init__", spy)
     monkeypatch.setattr(memory_budget, "_FOR_ARRAYS", 0.0)
     monkeypatch.setattr(arrays.bands, "__defaults__", (1000,))
-    monkeypatch.setattr(exr, "_STRIP_BYTES", 20_000)
+    monkeypatch.setattr(reading, "_STRIP_BYTES", 20_000)
+    monkeypatch.setattr(writing, "_STRIP_BYTES", 20_000)
     return made
 
 

@@ -42,7 +42,7 @@ def test_points_of_a_plane_before_the_camera_have_one_planar_depth() -> None:
     distance = points.norm(dim=0)
     whole = planar_depth(distance, focal)
     torch.testing.assert_close(whole, torch.full_like(x, 7.0))
-    part = planar_depth(distance[3:], focal, first_row=3, height=height)
+    part = planar_depth(distance[3:], focal, first=(3, 0), size=whole.shape[-2:])
     torch.testing.assert_close(part, whole[3:])
 
 

@@ -46,7 +46,8 @@ def test_the_record_is_the_diagnosis(damage: str) -> None:
     image, radius = DAMAGED[damage]()
     found, repair = repaired(radius, image, infinity=None, threads=2, hold=False)
     assert getattr(repair, damage)
-    assert repair._replace(edge_shifts=None) == diagnose_depth(radius)
+    assert 0 < repair.share <= 1
+    assert repair._replace(edge_shifts=None, share=0.0) == diagnose_depth(radius)
     assert isinstance(found, Tensor)
     assert not torch.equal(found, radius)
 
@@ -100,7 +101,7 @@ def test_radii_are_read_once_to_be_repaired_where_there_is_room(
         radii = Windows(radius)
         put_together(Stream(Windows(image), radii, hold=hold))
         read[hold] = radii.looked_at / radius.numel()
-    assert read[True] < 5 < read[False]
+    assert read[True] < 6 < read[False]
 
 
 def test_repair_off_diagnoses_nothing() -> None:
@@ -130,7 +131,7 @@ def test_a_lens_takes_the_switch() -> None:
 
 def test_another_word_is_refused() -> None:
     for door in (partial(render, *noisy()), Settings):
-        with pytest.raises(ValueError, match="depth_repair must be one of auto, off, got 'on'"):
+        with pytest.raises(ValueError, match=r"depth_repair must be auto, off or .*, got 'on'"):
             door(depth_repair="on")
-    with pytest.raises(ValueError, match="depth_repair must be one of auto, off, got True"):
+    with pytest.raises(ValueError, match=r"depth_repair must be auto, off or .*, got True"):
         RandomDefocus(depth_repair=True)  # type: ignore[arg-type]

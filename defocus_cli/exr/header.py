@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
+from defocus_cli.exr.windows import Overscan, Window
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import check_size, read_head
 
@@ -42,45 +43,41 @@ class Raw(NamedTuple):
     value: bytes
 
 
-class Window(NamedTuple):
-    """Pixel rectangle of an EXR header, both corners included."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    def __str__(self) -> str:
-        return f"{self.width}x{self.height} at {self.x0},{self.y0}"
-
-    @property
-    def width(self) -> int:
-        """In px."""
-        return self.x1 - self.x0 + 1
-
-    @property
-    def height(self) -> int:
-        """In px."""
-        return self.y1 - self.y0 + 1
-
-    def covers(self, other: Window) -> bool:
-        """Whether every pixel of ``other`` lies in this window."""
-        first = self.x0 <= other.x0 and self.y0 <= other.y0
-        return first and self.x1 >= other.x1 and self.y1 >= other.y1
-
-
 @dataclass(frozen=True)
 class Channel:
-    """One channel of a header: its name, pixel type (uint, half or float), and subsampling."""
+    """One channel of a header.
+
+    Attributes:
+        name: in the file.
+        type: uint, half or float.
+        sampling: every how many pixels it has a sample, across and down.
+        plain: its name without that of a view.
+    """
 
     name: str
     type: str
-    subsampled: bool
+    sampling: tuple[int, int] = (1, 1)
+    plain: str = ""
+
+    def __post_init__(self) -> None:
+        """Its plain name is its name unless it is of a view."""
+        object.__setattr__(self, "plain", self.plain or self.name)
+
+    @property
+    def subsampled(self) -> bool:
+        """Whether it has fewer samples than the picture has pixels."""
+        return self.sampling != (1, 1)
 
 
 @dataclass(frozen=True)
 class Header:
-    """One part of an EXR file; its attributes are those that another file may carry."""
+    """One part of an EXR file; its attributes are those that another file may carry.
+
+    Attributes:
+        multi_view: the views whose channels are in one part, the default one first.
+        shown: the view that the channels are restricted to; empty if to none.
+        subsampled: whether a channel of the part, of any view, has fewer samples than pixels.
+    """
 
     index: int
     name: str  # empty in most single-part files
@@ -89,15 +86,29 @@ class Header:
     display: Window
     deep: bool
     pixel_aspect: float = 1.0  # width of a pixel by its height
+    multi_view: tuple[str, ...] = ()
+    shown: str = ""
+    subsampled: bool = False
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
     @property
-    def cut_note(self) -> str:
-        """The pixels outside the display window, and those missing in it; empty if neither."""
+    def view(self) -> str:
+        """The view of the whole part; empty if it has none."""
+        raw = self.attributes.get("view")
+        return raw.value.decode("utf-8", "replace") if raw and raw.kind == "string" else ""
+
+    def cut_note(self, kept: Overscan) -> str:
+        """Pixels beyond the display window, and those missing in it; empty if there are none.
+
+        Args:
+            kept: the pixels beyond the display window that are read.
+        """
         data, display = self.data, self.display
-        cropped = "" if display.covers(data) else f"cropped from {data} to the display window"
-        missing = "" if data.covers(display) else f"0 outside the data window {data}"
-        return ", ".join(filter(None, (cropped, missing)))
+        overscan = f"overscan {kept}" if any(kept) else ""
+        is_cropped = not display.grown(kept).covers(data)
+        cropped = f"cropped from {data} to the display window" if is_cropped else ""
+        missing = "" if data.covers(display) else f"nothing outside the data window {data}"
+        return ", ".join(filter(None, (overscan, cropped, missing)))
 
     @property
     def label(self) -> str:
@@ -197,14 +208,17 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
     if missing:
         raise ValueError(f"no {min(missing)}")
     (aspect,) = struct.unpack("<f", values.get("pixelAspectRatio", struct.pack("<f", 1.0)))
+    channels = tuple(_channels(values["channels"]))
     return Header(
         index=index,
         name=values.get("name", b"").decode("utf-8", "replace"),
-        channels=tuple(_channels(values["channels"])),
+        channels=channels,
         data=Window(*struct.unpack("<4i", values["dataWindow"])),
         display=Window(*struct.unpack("<4i", values["displayWindow"])),
         deep=values["type"].startswith(b"deep") if "type" in values else deep,
         pixel_aspect=aspect,
+        subsampled=any(channel.subsampled for channel in channels),
+        multi_view=_texts(values.get("multiView", b"")),
         attributes={name: raw for name, raw in attributes.items() if name not in STRUCTURAL},
     )
 
@@ -218,6 +232,18 @@ def _channels(value: bytes) -> list[Channel]:
         kind, xs, ys = struct.unpack_from("<i4x2i", value)
         if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
             raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
-        channels.append(Channel(name.decode(), PIXEL_TYPES[kind], subsampled=(xs, ys) != (1, 1)))
+        channels.append(Channel(name.decode(), PIXEL_TYPES[kind], (xs, ys)))
         value = value[16:]
     return channels
+
+
+def _texts(value: bytes) -> tuple[str, ...]:
+    """The texts of an attribute of several, each behind its length."""
+    texts = []
+    while value:
+        (size,) = struct.unpack_from("<i", value)
+        if not 0 <= size <= len(value) - 4:
+            raise ValueError("a list of texts ends early")
+        texts.append(value[4 : 4 + size].decode())
+        value = value[4 + size :]
+    return tuple(texts)

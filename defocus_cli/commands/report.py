@@ -1,0 +1,39 @@
+"""``defocus report``: a batch as one HTML file to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli.html import batches
+from defocus_cli.options import comparing, shared
+from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.system import console
+from defocus_cli.system.console import counted
+
+_NAME = "report.html"
+
+
+@click.command("report", cls=GroupedCommand, short_help="Write a batch as a page to look at.")
+@click.argument("out", type=FilePath())
+@comparing.html_option(f"The file to write.  [default: OUT/{_NAME}]")
+@shared.json_option
+def command(out: Path, html: Path | None, as_json: bool) -> None:
+    """Write one HTML file with the samples of the batch in OUT, for a browser.
+
+    Each sample has its input, its pictures and its maps: a slider between two of them, exposure,
+    CoC over the picture, left and right in turn, values under the pointer, and the command that
+    renders it again. Samples that failed come first. The file holds all it needs.
+
+    \b
+    Examples:
+      defocus report out
+      defocus report out --html /var/www/out.html
+    """  # noqa: D301  click reads the backspace
+    path = html or out / _NAME
+    count = batches.write(out, path, None, shared.cores())
+    if as_json:
+        console.print_json(html=str(path), samples=count)
+    else:
+        console.tell(f"{path}: {counted(count, 'sample')}")

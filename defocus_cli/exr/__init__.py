@@ -1,0 +1,5 @@
+"""OpenEXR files: headers, windows, reading, writing.
+
+A part: one picture of a file. The data window: the pixels that a part holds. The display window:
+the picture as it is shown. Overscan: pixels outside the display window.
+"""

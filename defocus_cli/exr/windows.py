@@ -1,0 +1,101 @@
+"""Windows of an OpenEXR picture, and how far its pixels reach beyond the picture shown."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Overscan(NamedTuple):
+    """Pixels beyond each side of the display window, 0 or more."""
+
+    left: int = 0
+    top: int = 0
+    right: int = 0
+    bottom: int = 0
+
+    def __str__(self) -> str:
+        return "{} px left, {} top, {} right, {} bottom".format(*self)
+
+    def within(self, other: Overscan) -> Overscan:
+        """On each side the fewer pixels of two overscans."""
+        return Overscan(*map(min, self, other))
+
+    def frame(self, width: int, height: int) -> tuple[int, int]:
+        """(height, width) of a picture shown as ``width`` by ``height`` px, with its overscan."""
+        return height + self.top + self.bottom, width + self.left + self.right
+
+    def shown(self, height: int, width: int) -> tuple[slice, slice]:
+        """The rows and columns of a frame of ``height`` by ``width`` px that are shown."""
+        return slice(self.top, height - self.bottom), slice(self.left, width - self.right)
+
+
+NO_OVERSCAN = Overscan()
+
+
+class Window(NamedTuple):
+    """Pixel rectangle of an EXR header, both corners included."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height} at {self.x0},{self.y0}"
+
+    @property
+    def width(self) -> int:
+        """In px."""
+        return self.x1 - self.x0 + 1
+
+    @property
+    def height(self) -> int:
+        """In px."""
+        return self.y1 - self.y0 + 1
+
+    def covers(self, other: Window) -> bool:
+        """Whether every pixel of ``other`` lies in this window."""
+        first = self.x0 <= other.x0 and self.y0 <= other.y0
+        return first and self.x1 >= other.x1 and self.y1 >= other.y1
+
+    def beyond(self, display: Window) -> Overscan:
+        """How far this window reaches beyond a display window.
+
+        On each side it counts up to the longer side of the display window; no blur reaches farther.
+        """
+        left, top = display.x0 - self.x0, display.y0 - self.y0
+        right, bottom = self.x1 - display.x1, self.y1 - display.y1
+        most = max(display.width, display.height)
+        return Overscan(*(min(max(0, side), most) for side in (left, top, right, bottom)))
+
+    def grown(self, overscan: Overscan) -> Window:
+        """This window with an overscan."""
+        left, top, right, bottom = overscan
+        return Window(self.x0 - left, self.y0 - top, self.x1 + right, self.y1 + bottom)
+
+    def cut(self, other: Window) -> tuple[slice, slice]:
+        """The rows and columns of this window that lie in another; none if they are apart."""
+        return (
+            _cut(self.y0, self.height, other.y0, other.y1),
+            _cut(self.x0, self.width, other.x0, other.x1),
+        )
+
+
+class Layout(NamedTuple):
+    """Where the pixels of a file lie.
+
+    Attributes:
+        corner: x and y of the first pixel.
+        display: the display window; None of all pixels.
+        views: the views whose channels are in the file, the default one first; none of one.
+    """
+
+    corner: tuple[int, int] = (0, 0)
+    display: Window | None = None
+    views: tuple[str, ...] = ()
+
+
+def _cut(start: int, length: int, first: int, last: int) -> slice:
+    """The part of a row of pixels from ``start`` on that lies between two pixels, both included."""
+    begin = min(max(first - start, 0), length)
+    return slice(begin, max(begin, min(last - start + 1, length)))

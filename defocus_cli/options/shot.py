@@ -1,0 +1,162 @@
+"""Shot options: the frames of a shot, their lenses, and what the frames have in common.
+
+``@shot_options`` hands a command ``shot: ShotOptions``, ``@shot_lens_options`` ``lenses``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from defocus_cli.depth_formats.table import UNITS
+from defocus_cli.jobs.animation import INTERPOLATIONS, Animation, read_animation
+from defocus_cli.jobs.job import Reading
+from defocus_cli.jobs.lens_options import refuse_contradiction
+from defocus_cli.jobs.reading_options import lens_file_reading
+from defocus_cli.jobs.shot_lenses import ShotLenses
+from defocus_cli.jobs.shots import LONGEST_SMOOTH, Together
+from defocus_cli.options.lens import lens_decorators
+from defocus_cli.options.types import Command, Decorator, bundle, grouped_option
+from defocus_cli.shots.frame_patterns import MISSING, FrameChoice, frame_choice
+from defocus_cli.system.errors import UsageProblem
+
+_PLACES = ("--frames", "--missing")
+
+
+@dataclass(frozen=True)
+class ShotOptions:
+    """The options of a shot beside its lens.
+
+    Attributes:
+        frames: the frames wanted, as text; None for all.
+        missing: error or skip.
+        together: what the frames have in common.
+        contact: number of pictures on a contact sheet; None for no sheet.
+    """
+
+    frames: str | None
+    missing: str | None
+    together: Together
+    contact: int | None = None
+
+    def choice(self, animation: Animation) -> FrameChoice:
+        """The frames that are wanted.
+
+        Raises:
+            UsageProblem: the text names no frames, or keys where there are none.
+        """
+        return frame_choice(self.frames, self.missing, _PLACES, animation.frames)
+
+
+def shot_options(command: Command) -> Command:
+    """Hand a command ``shot``."""
+    options = [
+        grouped_option(
+            "Shot",
+            "--frames",
+            metavar="LIST",
+            help="Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005; or "
+            "keys, those with a key of --animate.  [default: all that are there]",
+        ),
+        grouped_option(
+            "Shot",
+            "--missing",
+            type=click.Choice(MISSING),
+            help="Frames that have no file: an error, or left out.  [default: error]",
+        ),
+        grouped_option(
+            "Shot",
+            "--steady/--no-steady",
+            default=None,
+            help="Decide once for the shot how depth is repaired and where a focus lies that the "
+            "depth decides, and average noise of depth over 9 frames where the scene is still; or "
+            "each frame for itself.  [default: steady]",
+        ),
+        grouped_option(
+            "Shot",
+            "--focus-smooth",
+            type=click.IntRange(2, LONGEST_SMOOTH),
+            metavar="N",
+            help="Average a focus that the depth decides over N frames, in disparity, like 9.",
+        ),
+        grouped_option(
+            "Shot",
+            "--motion",
+            metavar="LAYER",
+            help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
+            "what other frames have seen of what is hidden is not invented.",
+        ),
+        grouped_option(
+            "Shot",
+            "--contact",
+            type=click.IntRange(min=1, max=400),
+            metavar="N",
+            help="Also write N of the pictures, small, to OUT/contact.png.",
+        ),
+    ]
+
+    def make(
+        frames: str | None, missing: str | None, contact: int | None, **together: Any
+    ) -> ShotOptions:
+        return ShotOptions(frames, missing, Together(**together), contact)
+
+    return bundle("shot", make, options)(command)
+
+
+def shot_lens_options(*, required: bool) -> Decorator:
+    """Hand a command ``lenses``: ShotLenses, or None if no lens was asked for nor is required."""
+    options = [
+        *lens_decorators(),
+        grouped_option(
+            "Lens",
+            "--animate",
+            multiple=True,
+            metavar="FILE",
+            help="Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, "
+            "Nuke's .chan; or OPTION=FILE of lines like '1001 1.2m'.  ('defocus help shots')",
+        ),
+        grouped_option(
+            "Lens",
+            "--interpolate",
+            type=click.Choice(INTERPOLATIONS),
+            help="Between keys: evenly, or slow at each key.  [default: linear]",
+        ),
+        grouped_option(
+            "Lens",
+            "--lens-from-metadata",
+            "metadata",
+            is_flag=True,
+            help="Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
+            "says which. What is given beside it wins.",
+        ),
+    ]
+
+    def make(
+        lens_file: Path | None,
+        animate: tuple[str, ...],
+        interpolate: str | None,
+        metadata: bool,
+        **values: Any,
+    ) -> ShotLenses | None:
+        flags = {n.replace("_", "-"): value for n, value in values.items() if value is not None}
+        if interpolate is not None and not animate:
+            raise UsageProblem("--interpolate", "has no keys to go between", "add --animate FILE")
+        if not (required or flags or animate or metadata or lens_file is not None):
+            return None
+        refuse_contradiction(flags, "--")
+        given, stored = click.get_current_context().params, lens_file_reading(lens_file)
+        reading = {name: given.get(name) or stored.get(name) for name in _SCALE}
+        radii = Reading(depth_format=reading["depth_format"]).holds_radii
+        metres = UNITS[reading["depth_unit"] or "m"]
+        animation = read_animation(animate, interpolate)
+        lenses = ShotLenses(flags, lens_file, radii, animation, metadata, metres)
+        _ = lenses.fixed  # raises what is wrong before any picture is looked for
+        return lenses
+
+    return bundle("lenses", make, options)
+
+
+_SCALE = ("depth_format", "depth_unit")

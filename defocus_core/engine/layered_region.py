@@ -1,0 +1,133 @@
+"""A region of layers with coverage: visible and hidden samples, and what is continued behind."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from defocus_core.blur.layer_blur import Sliced
+from defocus_core.compositing.aperture_views import Fronts
+from defocus_core.compositing.highlights import Highlights, split_samples
+from defocus_core.engine.frame import Frame
+from defocus_core.engine.hidden_fill import Filling
+from defocus_core.engine.layer_order import add_in_order
+from defocus_core.engine.region import Region
+from defocus_core.images.box import Box
+from defocus_core.images.pyramid import axes
+from defocus_core.images.source import Pixels
+from defocus_core.images.tiling import Grid
+from defocus_core.inpainting.frame_pyramid import Backdrop
+from defocus_core.inpainting.hidden_layers import HiddenLayer, hidden_layer
+from defocus_core.inpainting.known_layer import Behind, separated
+from defocus_core.layers.ladder import position
+from defocus_core.layers.matting import Unmixed, whole
+from defocus_core.layers.samples import Samples
+from defocus_core.layers.stacked_samples import Layered, Sampled, Stack
+
+
+class LayeredRegion(Region):
+    """A rectangle of tiles of layers with coverage, and everything that they share."""
+
+    def __init__(
+        self,
+        frame: Frame,
+        grid: Grid,
+        pixels: Pixels,
+        signed_radius: Pixels,
+        layered: Layered,
+        backdrop: Backdrop | None,
+    ) -> None:
+        """Find the samples of a region, and prepare their blur.
+
+        Args:
+            frame: The frame that the region is a part of.
+            grid: The tiles of the region.
+            pixels: [C + 1, H, W] of the frame, the layers in focus with alpha.
+            signed_radius: [H, W] px of the frame, of the nearest samples.
+            layered: The layers.
+            backdrop: The frame at low resolution; None if nothing in it is continued.
+        """
+        self._layered = layered
+        self._behind: Sliced | None = None
+        self._nothing: Sliced | None = None
+        super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
+
+    def _surfaces(
+        self, pixels: Tensor, signed_radius: Tensor, outer: Box
+    ) -> tuple[Unmixed, Tensor, Highlights | None]:
+        """The visible samples in the rectangle `outer`; plans the hidden ones."""
+        frame, slicing = self._frame, self._frame.slices.visible
+        stack = self._layered.stack(outer, frame.dtype)
+        hidden, self._is_known = stack.hidden(), stack.knows_behind()
+        if hidden is not None:
+            within = self._within(hidden, stack.signed_radius[0])
+            self._behind = self._blur.sliced(within, 1, slicing.layers)
+        if self._layered.open and self._layered.is_continued:
+            self._nothing = self._blur.sliced(self._uncovered(stack), 1, slicing.layers)
+        self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
+        samples, highlights = split_samples(
+            stack.visible(), len(pixels) - 1, radius, frame.content.limit
+        )
+        self._others = samples.others
+        return samples.own, radius, highlights
+
+    def _drawn(
+        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
+    ) -> Tensor:
+        """The discs of highlights; what hides a part of a light is in its coverage already."""
+        solid = self._solid
+        places = position(solid, self._frame.slices.radii)
+        return super()._drawn(highlights, solid, places, core)
+
+    def _within(self, samples: Sampled, signed_radius: Tensor) -> Samples:
+        """The samples that reach the tiles, of the pixels of the rectangle around."""
+        radii, inside = self._frame.slices.radii, self._inside
+        places = position(inside.of(signed_radius), radii)
+        return Samples.within(inside, samples.own, places, radii, others=samples.others)
+
+    def _uncovered(self, stack: Stack) -> Samples:
+        """What no sample covers, as a surface without colours."""
+        rest = stack.through[-1:]
+        blank = whole(rest[:0], rest[0])._replace(coverage=rest)
+        return self._within(Sampled(blank, []), torch.full_like(rest[0], self._layered.ends[1]))
+
+    def _fillings(
+        self,
+        color: Tensor,
+        signed_radius: Tensor,
+        behind: Behind | None,
+        backdrop: Backdrop,
+        outer: Box,
+    ) -> list[Filling]:
+        """What is continued: surfaces behind pixels of which no sample tells what is behind."""
+        frame, inner, inside = self._frame, self._inner, self._inside
+        halvings = frame.slices.invented.halvings
+        invented = hidden_layer(color, signed_radius, backdrop, outer, inside, halvings=halvings)
+        if invented is not None and self._is_known is not None:
+            everywhere = torch.full_like(signed_radius, torch.inf)
+            known = HiddenLayer(*map(inside.of, (color, everywhere, self._is_known)))
+            _, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
+        if invented is None or not bool(invented.mask.any()):
+            return []
+        return [Filling(frame, self._grid, inner, invented, known=False)]
+
+    def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
+        """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
+        fronts, reaching = self._blank(index), self._reaching(index)
+        visible = self._blur.over_tile(self._visible, index)
+        if self._nothing is not None:
+            fronts.reserve(self._blur.over_tile(self._nothing, index))
+        if self._behind is None:
+            turns = self._frame.slices.turns
+            needed = add_in_order(fronts, visible, reaching, turns, index)
+        else:
+            hidden = self._blur.over_tile(self._behind, index)
+            fronts.add_known(visible, hidden, closed=not self._layered.open)
+            needed = [] if fronts.are_nearly_full() else reaching
+            for surface in needed:
+                fronts.fill(surface.over_tile(index).whole(), known=surface.known)
+        if not self._layered.blurs_alpha:
+            fronts.add_alpha()
+        if self._layered.open:
+            fronts.leave_open()
+        return fronts, needed

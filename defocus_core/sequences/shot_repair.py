@@ -1,0 +1,89 @@
+"""One repair of depth for all frames of a shot: what is decided for each frame could flip.
+
+Radii of one scene through two lenses differ by a factor and a shift, as both are affine in
+disparity. So thresholds in px of radius are multiples of this factor, the scale of a lens: px of
+radius for a disparity of 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.edge_shifts import EdgeShifts
+from defocus_core.depth.soft_edges import LEAST, STEEP
+
+
+def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> DepthRepair:
+    """The repair that most of some frames need, for a lens of scale 1.
+
+    Args:
+        repairs: From `diagnose_depth`, or of rendered pictures, one for each frame.
+        scales: The scale of the lens of each frame.
+
+    Raises:
+        ValueError: If there is no frame, or not a scale for each.
+    """
+    if not repairs or len(repairs) != len(scales):
+        raise ValueError(
+            f"repairs and scales must be of as many frames, got {len(repairs)} and {len(scales)}"
+        )
+    each = list(zip(repairs, scales, strict=True))
+    noise = _median([None if r.noise is None else r.noise / k for r, k in each])
+    soft = _median([None if r.soft_edges is None else r.soft_edges / k for r, k in each])
+    averaged = _commonest([r.antialiased is not None for r, _ in each])
+    of_disparity = _commonest(
+        [r.antialiased == float("inf") for r, _ in each if r.antialiased is not None]
+    )
+    return DepthRepair(
+        noise=noise,
+        antialiased=(float("inf") if of_disparity else 0.0) if averaged else None,
+        soft_edges=soft,
+        ramps=_commonest([r.ramps for r, _ in each]),
+        edge_shifts=_agreed_shifts([(r.edge_shifts, k) for r, k in each]),
+        edge_width=_median([r.edge_width for r, _ in each]),
+        quantised=_commonest([r.quantised for r, _ in each]),
+    )
+
+
+def repair_through(repair: DepthRepair, scale: float, infinity: float | None) -> DepthRepair:
+    """An agreed repair for the frame of another lens.
+
+    Args:
+        repair: From `agreed_repair`.
+        scale: The scale of the lens.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+    """
+    soft, shifts, averaged = repair.soft_edges, repair.edge_shifts, repair.antialiased
+    if averaged is not None and averaged != float("inf"):
+        averaged = infinity  # of distance: known, or it would not have been found
+    return repair._replace(
+        noise=None if repair.noise is None else repair.noise * scale,
+        antialiased=averaged,
+        soft_edges=None if soft is None else min(STEEP, max(LEAST, soft * scale)),
+        edge_shifts=None if shifts is None else shifts._replace(step=shifts.step * scale),
+    )
+
+
+def _agreed_shifts(of_frames: Sequence[tuple[EdgeShifts | None, float]]) -> EdgeShifts | None:
+    """The displacements of edges in most frames; a displacement costs what it does on average."""
+    there = [(shifts, scale) for shifts, scale in of_frames if shifts is not None]
+    if 2 * len(there) <= len(of_frames):
+        return None
+    costs = zip(*(shifts.rarity for shifts, _ in there), strict=True)
+    return EdgeShifts(
+        step=median(shifts.step / scale for shifts, scale in there),
+        median=median(shifts.median for shifts, _ in there),
+        rarity=tuple(sum(cost) / len(there) for cost in costs),
+    )
+
+
+def _commonest(answers: Sequence[bool]) -> bool:
+    return 2 * sum(answers) > len(answers)
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    """The median of the values if most frames have one."""
+    there = [value for value in values if value is not None]
+    return median(there) if 2 * len(there) > len(values) else None

@@ -1,0 +1,213 @@
+"""The repair of depth: how a user steers it, and where it is recorded and drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import color_exr, depth_exr, header, read_exr, refused, run, write_exr
+
+WIDTH, HEIGHT = 144, 96
+LENS = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
+NEAR, FAR = 2.0, 10.0  # m
+Array = np.ndarray[Any, Any]
+
+
+def two_surfaces(folder: Path, width: float) -> tuple[Path, Path]:
+    """A bright surface before a dark one, whose edge in disparity is a ramp of so many px."""
+    x = np.arange(WIDTH) + 0.5 - WIDTH / 2
+    share = np.tile(np.clip(x / width + 0.5, 0, 1), (HEIGHT, 1))
+    metres = (1 / (1 / NEAR + share * (1 / FAR - 1 / NEAR))).astype(np.float32)
+    color = np.where(x < 0, 0.8, 0.1)[None, :, None] * np.ones((HEIGHT, 1, 3))
+    depth = depth_exr(folder / f"depth{width:g}.exr", metres)
+    return color_exr(folder / "rgb.exr", color.astype(np.float32)), depth
+
+
+def rendered(out: Path, *args: str | Path) -> tuple[Array, dict[str, Any]]:
+    ran = run("render", *args, *LENS, "-o", out, "--json", "--exr-type", "float")
+    assert ran.code == 0, ran.err
+    return read_exr(out / "render" / "rgb.exr")["G"], ran.json["pictures"][0]
+
+
+def test_wider_edges_than_are_looked_for_are_repaired_if_their_width_is_said(
+    tmp_path: Path,
+) -> None:
+    files = two_surfaces(tmp_path, 30)
+    hard, _ = rendered(tmp_path / "hard", *two_surfaces(tmp_path, 1))
+    auto, _ = rendered(tmp_path / "auto", *files)
+    said, record = rendered(tmp_path / "said", *files, "--edge-width", "30px")
+    assert np.abs(said - hard).max() < 1e-3 < np.abs(auto - hard).max() / 10
+    assert record["depth_repair"]["edge_width_px"] == 30
+
+
+def test_hard_edges_and_repair_off_leave_ramps_alone(tmp_path: Path) -> None:
+    files = two_surfaces(tmp_path, 8)
+    auto, _ = rendered(tmp_path / "auto", *files)
+    off, record = rendered(tmp_path / "off", *files, "--depth-repair", "off")
+    assert record["depth_repair"]["kinds"] == []
+    hard, record = rendered(tmp_path / "hard", *files, "--edge-width", "0")
+    assert record["depth_repair"]["kinds"] == []
+    assert np.array_equal(off, hard)
+    assert not np.array_equal(off, auto)
+
+
+def test_slopes_are_edges_from_a_slope_on_that_is_said(tmp_path: Path) -> None:
+    files = two_surfaces(tmp_path, 12)
+    kept, record = rendered(tmp_path / "steep", *files, "--depth-repair", "soft-edges=50")
+    assert record["depth_repair"]["share"] == 0
+    moved, record = rendered(tmp_path / "gentle", *files, "--depth-repair", "soft-edges=0.1")
+    assert record["depth_repair"]["kinds"][0] == "soft-edges"
+    assert not np.array_equal(kept, moved)
+
+
+def test_the_record_stands_in_words_json_journal_and_header(tmp_path: Path) -> None:
+    files, out = two_surfaces(tmp_path, 8), tmp_path / "out"
+    args = (*files, *LENS, "-o", out, "--outputs", "render,coc")
+    planned = run("render", *args, "--dry-run", "--json").json["pictures"][0]
+    ran = run("render", *args, "-v", "--json")
+    record = ran.json["pictures"][0]["depth_repair"]
+    assert record["kinds"] == ["soft-edges", "displaced-edges"]
+    assert record["edge_width_px"] == pytest.approx(8, abs=0.5)
+    assert record["share"] == pytest.approx(7 / WIDTH, abs=0.02)
+    assert planned["forecast"]["depth_repair"] == record
+    assert "soft edges made steps, 8 px wide before" in ran.err
+    assert "of the pixels changed" in ran.err
+    assert '"depth_repair": {"kinds": ["soft-edges"' in (out / "journal.jsonl").read_text()
+    text = header(out / "render" / "rgb.exr")["defocus:depth_repair"]
+    assert text.startswith("soft-edges,displaced-edges edge_width_px=8")
+    assert f"share={record['share']:g}" in text
+    assert "defocus:depth_repair" not in header(out / "coc" / "rgb.exr")
+    again = run("render", *args, "--json").json["pictures"][0]
+    assert again["done_before"]
+    assert again["depth_repair"] == record
+
+
+def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path: Path) -> None:
+    files = two_surfaces(tmp_path, 1)
+    said = ("--depth-repair", "soft-edges=2", "--edge-width", "6px")
+    for name, args, asked in (
+        ("clean", (), None),
+        ("said", said, "--depth-repair soft-edges=2 --edge-width 6px"),
+    ):
+        rendered(tmp_path / name, *files, *args)
+        attributes = header(tmp_path / name / "render" / "rgb.exr")
+        assert attributes.get("defocus:depth_repair_asked") == asked
+        assert ("defocus:depth_repair" in attributes) is (asked is not None)
+
+
+def test_jobs_and_lens_files_steer_it_too(tmp_path: Path) -> None:
+    color, depth = two_surfaces(tmp_path, 30)
+    lens = 'focal-length = "100mm"\nfnumber = 2\nfocus = "2m"\nsensor-width = "4mm"\n'
+    (tmp_path / "lens.toml").write_text(lens + 'edge-width = "30px"\n')
+    start = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\n{lens}'
+    wanted, _ = rendered(tmp_path / "flag", color, depth, "--edge-width", "30")
+    given = ("--lens", tmp_path / "lens.toml", "-o", tmp_path / "lens", "--exr-type", "float")
+    assert run("render", color, depth, *given).code == 0
+    for name, more in (
+        ("reading", '[reading]\nedge-width = "30px"\n'),
+        ("slope", '[reading]\ndepth-repair = "soft-edges=0.02"\nedge-width = 30\n'),
+        ("machine", '[reading]\nedge-width = 30\n[machine]\ndepth-repair = "soft-edges=0.02"\n'),
+    ):
+        jobs = tmp_path / f"{name}.toml"
+        jobs.write_text(f'{start}{more}[outputs]\nexr-type = "float"\n')
+        ran = run("batch", jobs, "-o", tmp_path / name, "--processes", "1")
+        assert ran.code == 0, ran.err
+    for name in ("lens", "reading", "slope", "machine"):
+        found = read_exr(next((tmp_path / name / "render").glob("*.exr")))["G"]
+        assert np.array_equal(found, wanted), name
+
+
+def test_a_jobs_file_says_it_once(tmp_path: Path) -> None:
+    color, depth = two_surfaces(tmp_path, 8)
+    jobs = tmp_path / "jobs.toml"
+    start = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\nfocal-length = "50mm"\n'
+    start += 'fnumber = 2\nfocus = "2m"\n'
+    for more, words in (
+        ('[reading]\ndepth-repair = "off"\n[machine]\ndepth-repair = "auto"\n', "[reading], too"),
+        ('[reading]\ndepth-repair = "off"\nedge-width = "4px"\n', "[reading] edge-width: of 4px"),
+        ("[reading]\nedge-width = 101\n", "101 px is a surface"),
+    ):
+        jobs.write_text(start + more)
+        refused(run("batch", jobs, "-o", tmp_path / "out"), 2, str(jobs), words)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("--depth-repair", "sof"), "'sof' is no depth repair; choose from auto, off"),
+        (("--depth-repair", "of"), "did you mean off"),
+        (("--depth-repair", "soft-edges"), "'soft-edges' is no depth repair"),
+        (("--depth-repair", "soft-edges=a"), "'a' is no slope of soft edges; write it like"),
+        (("--depth-repair", "soft-edges=-1"), "'-1' is no slope"),
+        (("--edge-width", "101px"), "101 px is a surface, and no edge; give 100px or less"),
+        (("--edge-width", "-3"), "--edge-width: '-3' is not positive"),
+        (("--edge-width", "px"), "--edge-width: 'px' is not a length"),
+        (("--edge-width", "4", "--depth-repair", "off"), "contradicts depth-repair off"),
+        (("--edge-width", "0", "--depth-repair", "soft-edges=1"), "contradicts depth-repair soft"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(args: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    files = two_surfaces(tmp_path, 8)
+    refused(run("render", *files, *LENS, "-o", tmp_path / "out", *args), 2, words)
+    assert not (tmp_path / "out").exists()
+
+
+def drawing(path: Path) -> tuple[Array, Array]:
+    """The picture and the repair of a drawing, [H, W, 3] each."""
+    pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
+    assert pixels.shape == (HEIGHT, 2 * WIDTH, 3)
+    return pixels[:, :WIDTH], pixels[:, WIDTH:]
+
+
+def test_info_draws_where_edges_are_repaired(tmp_path: Path) -> None:
+    files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
+    ran = run("info", *files, *LENS, "--preview", path)
+    assert ran.code == 0, ran.err
+    assert "soft edges made steps, 8 px wide before; its edges moved" in ran.out
+    assert str(path) in ran.out
+    shown, repair = drawing(path)
+    assert shown[0, 0, 0] > 0.85 > 0.4 > shown[0, -1, 0]
+    saturation = np.ptp(repair, axis=2)
+    columns = np.flatnonzero(saturation.max(axis=0) > 0.1)
+    assert (columns.min(), columns.max()) == (WIDTH / 2 - 4, WIDTH / 2 + 3)
+    made_nearer, made_farther = repair[0, WIDTH // 2 - 3], repair[0, WIDTH // 2 + 2]
+    assert made_nearer[0] > 0.9 > 0.1 > made_nearer[2]
+    assert made_farther[2] > 0.9 > made_farther[0]
+
+
+def test_a_drawing_shows_what_the_options_do(tmp_path: Path) -> None:
+    files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
+    for args in (("--depth-repair", "off"), ("--edge-width", "0")):
+        ran = run("info", *files, *LENS, "--preview", path, "--json", *args)
+        (pair,) = ran.json["pairs"]
+        assert (pair["repair"], pair["preview"]) == ("", str(path))
+        assert pair["depth_repair"]["kinds"] == []
+        assert ran.json["files"][1]["depth"]["repair"] == ""
+        assert np.ptp(drawing(path)[1], axis=2).max() == 0
+    (pair,) = run("info", *files, *LENS, "--preview", path, "--json").json["pairs"]
+    assert pair["depth_repair"]["kinds"] == ["soft-edges", "displaced-edges"]
+
+
+def test_a_picture_of_one_file_is_drawn_too(tmp_path: Path) -> None:
+    color, depth = two_surfaces(tmp_path, 8)
+    both = write_exr(tmp_path / "both.exr", **read_exr(color), **read_exr(depth))
+    run("info", both, *LENS, "--preview", tmp_path / "both.png")
+    run("info", depth, color, *LENS, "--preview", tmp_path / "two.png")
+    assert (tmp_path / "both.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+
+
+def test_a_drawing_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    color, depth = two_surfaces(tmp_path, 8)
+    path = tmp_path / "a.png"
+    refused(run("info", color, depth, "--preview", path), 2, "--preview: needs a lens")
+    refused(run("info", color, depth, *LENS, "--preview", tmp_path / "a.jpg"), 2, "no PNG")
+    ran = run("info", depth, *LENS, "--preview", path)
+    assert ran.code == 2
+    assert "needs a colour and a depth file" in ran.err
+    path.write_bytes(b"")
+    ran = run("info", path, depth, *LENS, "--preview", path)
+    refused(ran, 2, "is a file to look at")
+    assert path.read_bytes() == b""

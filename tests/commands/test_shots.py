@@ -1,0 +1,228 @@
+"""Shots: numbered frames, a lens that moves, and what frames have in common."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+from command_line import (
+    HEIGHT,
+    WIDTH,
+    color_exr,
+    depth_exr,
+    files_under,
+    pair,
+    ramp,
+    read_exr,
+    refused,
+    render,
+    run,
+    texture,
+    write_exr,
+)
+from image_files import SCANLINE
+
+FOCAL = ("--focal-length", "50mm")
+
+
+def shot(folder: Path, frames: int = 4, first: int = 1001) -> tuple[Path, Path]:
+    """The patterns of the colour and the depth frames of a shot."""
+    for k in range(frames):
+        color_exr(folder / f"rgb.{first + k}.exr", texture(seed=k))
+        depth_exr(folder / f"z_{first + k}.exr", ramp() + 0.1 * k)
+    return folder / "rgb.####.exr", folder / "z_%04d.exr"
+
+
+def picture(folder: Path, frame: int) -> np.ndarray:
+    return read_exr(folder / "render" / f"rgb.{frame}.exr")["R"]
+
+
+def test_frames_pair_up_by_number_and_keep_it(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    assert render(*patterns, "-o", tmp_path / "out").code == 0
+    assert files_under(tmp_path / "out") - {"metadata.jsonl"} == {
+        f"render/rgb.{frame}.exr" for frame in range(1001, 1005)
+    }
+    again = render(*patterns, "-o", tmp_path / "out")
+    assert again.err.count("done before") == 4
+
+
+def test_frames_are_chosen(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    assert render(*patterns, "-o", tmp_path / "out", "--frames", "1001-1004x2").code == 0
+    assert len(files_under(tmp_path / "out" / "render")) == 2
+    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "1-2"), 3, "lacks 2 frames, 1-2")
+    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "all"), 2, "names no frames")
+    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "keys"), 2, "--animate")
+
+
+def test_gaps_are_named_before_any_work_or_left_out(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    (tmp_path / "z_1003.exr").unlink()
+    refused(render(*patterns, "-o", tmp_path / "out"), 3, "z_%04d.exr: lacks 1 frame, 1003")
+    assert not (tmp_path / "out").exists()
+    ran = render(*patterns, "-o", tmp_path / "out", "--missing", "skip")
+    assert ran.code == 0
+    assert "lacks 1 frame, 1003; left out" in ran.err
+    assert len(files_under(tmp_path / "out" / "render")) == 3
+
+
+def test_files_and_patterns_do_not_mix_and_files_have_no_frames(tmp_path: Path) -> None:
+    color, _ = shot(tmp_path)
+    ran = render(color, tmp_path / "z_1001.exr", "-o", tmp_path / "out")
+    refused(ran, 3, "z_1001.exr: numbers no frames")
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--frames", "1")
+    refused(ran, 2, "--frames: chooses frames, but no path numbers them")
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--missing", "skip")
+    refused(ran, 2, "--missing")
+
+
+def test_hidden_layers_may_be_patterns(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    behind = shot(tmp_path / "hidden")
+    ran = render(*patterns, "-o", tmp_path / "out", "--hidden", *behind)
+    assert ran.code == 0, ran.err
+    (tmp_path / "hidden" / "rgb.1002.exr").unlink()
+    ran = render(*patterns, "-o", tmp_path / "out2", "--hidden", *behind)
+    refused(ran, 3, "hidden/rgb.####.exr: lacks 1 frame, 1002")
+
+
+def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
+    out = tmp_path / "out"
+    ran = run("render", *patterns, "-o", out, *FOCAL, "--animate", tmp_path / "pull.csv")
+    assert ran.code == 0, ran.err
+    for frame, focus, fnumber in ((1001, "1.5m", "2"), (1002, "2m", "4"), (1004, "3m", "8")):
+        files = (tmp_path / f"rgb.{frame}.exr", tmp_path / f"z_{frame}.exr")
+        lens = (*FOCAL, "--focus", focus, "--fnumber", fnumber)
+        alone = tmp_path / f"alone{frame}"
+        assert run("render", *files, "-o", alone, *lens).code == 0
+        np.testing.assert_allclose(picture(out, frame), picture(alone, frame), atol=1e-3)
+
+
+def test_frames_may_be_those_with_keys(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
+    words = (*FOCAL, "--animate", tmp_path / "pull.csv", "--frames", "keys")
+    assert run("render", *patterns, "-o", tmp_path / "out", *words).code == 0
+    assert len(files_under(tmp_path / "out" / "render")) == 2
+
+
+def test_ease_changes_frames_between_keys_alone(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1004,3m,2\n")
+    words = ("render", *patterns, *FOCAL, "--animate", tmp_path / "pull.csv")
+    assert run(*words, "-o", tmp_path / "a").code == 0
+    assert run(*words, "-o", tmp_path / "b", "--interpolate", "ease").code == 0
+    same = [np.array_equal(*(picture(tmp_path / o, f) for o in "ab")) for f in range(1001, 1005)]
+    assert same == [True, False, False, True]
+    ran = render(*patterns, "-o", tmp_path / "c", "--interpolate", "ease")
+    refused(ran, 2, "--interpolate")
+
+
+def test_a_camera_of_nuke_zooms(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    fov = 2 * np.degrees(np.arctan(36 * HEIGHT / WIDTH / 2 / 50))
+    lines = "".join(f"{1001 + k} 0 0 0 0 0 0 {fov}\n" for k in range(4))
+    (tmp_path / "cam.chan").write_text(lines)
+    words = ("--fnumber", "2", "--focus", "2m")
+    ran = run("render", *patterns, "-o", tmp_path / "a", *words, "--animate", tmp_path / "cam.chan")
+    assert ran.code == 0, ran.err
+    assert render(*patterns, "-o", tmp_path / "b").code == 0
+    np.testing.assert_allclose(*(picture(tmp_path / o, 1002) for o in "ab"), atol=1e-3)
+
+
+def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path: Path) -> None:
+    color, depth = tmp_path / "rgb.0001.exr", tmp_path / "z.0001.exr"
+    planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
+    for frame, focus in ((1, 1.5), (2, 3.0)):
+        attributes = {"focus": focus, "aperture": 2.0, "pinholeFocalLength": 50.0}
+        file = color.with_name(f"rgb.000{frame}.exr")
+        OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(file))
+        depth_exr(depth.with_name(f"z.000{frame}.exr"))
+    words = ("render", tmp_path / "rgb.#.exr", tmp_path / "z.#.exr", "--lens-from-metadata")
+    words = tuple(str(word).replace(".#.", ".####.") for word in words)
+    ran = run(*words, "-o", tmp_path / "out", "-v")
+    assert ran.code == 0, ran.err
+    assert "focus 1.5m (focus)" in ran.err
+    assert "focus 3m (focus)" in ran.err
+    assert "50mm f/2, focus 3m" in ran.err
+    ran = run(*words, "-o", tmp_path / "own", "--focus", "2m")
+    assert "50mm f/2, focus 2m" in ran.err
+    bare = ("render", *pair(tmp_path), "-o", tmp_path / "bare", "--lens-from-metadata")
+    refused(run(*bare), 2, "--focal-length: is missing, and not in")
+
+
+def test_a_lone_pattern_is_of_files_that_hold_colour_and_depth(tmp_path: Path) -> None:
+    for frame in (1, 2):
+        planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
+        write_exr(tmp_path / f"both.{frame:04}.exr", **planes, Z=ramp())
+    assert render(tmp_path / "both.####.exr", "-o", tmp_path / "out").code == 0
+    ran = render(tmp_path / "both.####.png", "-o", tmp_path / "out")
+    refused(ran, 3, "has no depth, which only EXR holds")
+
+
+def test_shots_of_a_jobs_file(tmp_path: Path) -> None:
+    shot(tmp_path)
+    (tmp_path / "more.csv").write_text("frame,fnumber\n1001,2\n1003,8\n")
+    text = """
+        [inputs]
+        color = "rgb.####.exr"
+        depth = "z_%04d.exr"
+        frames = "1001-1003"
+        [lens]
+        focal-length = "50mm"
+        [animate]
+        file = "more.csv"
+        focus = {1001 = "1.5m", 1003 = "3m"}
+    """
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(text)
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
+    assert ran.code == 0, ran.err
+    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
+    words = (*FOCAL, "--animate", tmp_path / "pull.csv", "--frames", "1001-1003")
+    patterns = (tmp_path / "rgb.####.exr", tmp_path / "z_%04d.exr")
+    assert run("render", *patterns, "-o", tmp_path / "same", *words).code == 0
+    for frame in (1001, 1002, 1003):
+        assert np.array_equal(*(picture(tmp_path / out, frame) for out in ("out", "same")))
+    for change, problem in (
+        ('focal-length = "50mm"', "focal-length = 50"),
+        ("[lens]", '[lens]\nfocus = "1m"'),
+        ("[lens]", "[sweep]\nfnumber = [1, 2]\n[lens]"),
+        ('frames = "1001-1003"', "frames = [1001]"),
+        ('frames = "1001-1003"', 'missing = "no"'),
+    ):
+        jobs.write_text(text.replace(change, problem))
+        assert run("batch", jobs, "-o", tmp_path / "none").code == 2
+        assert not (tmp_path / "none").exists()
+
+
+def test_metadata_serve_a_jobs_file(tmp_path: Path) -> None:
+    planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
+    attributes = {"focus": 2.0, "aperture": 2.0, "pinholeFocalLength": 50.0}
+    OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(tmp_path / "a.exr"))
+    depth_exr(tmp_path / "z.exr")
+    jobs = tmp_path / "jobs.toml"
+    text = '[inputs]\ncolor = "a.exr"\ndepth = "z.exr"\n[lens]\nlens-from-metadata = true\n'
+    jobs.write_text(text)
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1", "-v")
+    assert ran.code == 0, ran.err
+    assert "50mm f/2, focus 2m" in ran.err
+
+
+def test_a_contact_sheet_shows_some_frames(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    ran = render(*patterns, "-o", tmp_path / "out", "--contact", "3")
+    assert ran.code == 0, ran.err
+    assert "contact sheet ->" in ran.err
+    sheet = oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).get_pixels(oiio.UINT8)
+    assert sheet.shape == (2 * (HEIGHT + 22), 2 * 320, 3)
+    lit = [sheet[y : y + HEIGHT, x : x + WIDTH].any() for y in (0, HEIGHT + 22) for x in (0, 320)]
+    assert lit == [True, True, True, False]  # three frames, and an empty place
+    again = render(*patterns, "-o", tmp_path / "out", "--contact", "1")
+    assert again.code == 0
+    assert oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).spec().width == 320
+    ran = render(*patterns, "-o", tmp_path / "coc", "--contact", "3", "--outputs", "coc")
+    refused(ran, 2, "--contact: shows images")

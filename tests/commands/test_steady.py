@@ -1,0 +1,216 @@
+"""Steadiness: what the frames of a shot decide together, and what they have seen of each other."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import color_exr, depth_exr, read_exr, refused, render, run, write_exr
+
+HEIGHT, WIDTH = 40, 64
+FOCAL = ("--focal-length", "50mm", "--fnumber", "2")
+
+
+def smooth(seed: int = 0) -> np.ndarray[Any, Any]:
+    """Colours [H, W, 3] that change over some px."""
+    coarse = np.random.default_rng(seed).random((HEIGHT // 4, WIDTH // 4, 3))
+    return np.kron(coarse, np.ones((4, 4, 1))).astype(np.float32)
+
+
+def still(folder: Path, frames: int = 10, noise: float = 0.02) -> tuple[Path, Path]:
+    """A shot of a still wall at 3 m whose disparity has noise."""
+    for k in range(frames):
+        rng = np.random.default_rng(k)
+        metres = 1 / (1 / 3 + noise * rng.standard_normal((HEIGHT, WIDTH)))
+        color_exr(folder / f"rgb.{k:04}.exr", smooth())
+        depth_exr(folder / f"z.{k:04}.exr", metres.astype(np.float32))
+    return folder / "rgb.####.exr", folder / "z.####.exr"
+
+
+def pictures(out: Path, frames: int) -> np.ndarray[Any, Any]:
+    return np.stack([read_exr(out / "render" / f"rgb.{k:04}.exr")["G"] for k in range(frames)])
+
+
+def records(out: Path) -> list[dict[str, Any]]:
+    lines = (out / "journal.jsonl").read_text().split("\n")
+    return [json.loads(line) for line in lines if line]
+
+
+def test_noise_of_depth_is_averaged_where_the_scene_is_still(tmp_path: Path) -> None:
+    patterns = still(tmp_path)
+    for out, words in (("steady", ()), ("alone", ("--no-steady",))):
+        ran = render(*patterns, "-o", tmp_path / out, *words, "--exr-type", "float")
+        assert ran.code == 0, ran.err
+    deviations = [
+        pictures(tmp_path / out, 10)[:, 8:-8, 8:-8].std(0).mean() for out in ("steady", "alone")
+    ]
+    assert deviations[0] < 0.5 * deviations[1]
+    notes = [record["depth_note"] for record in records(tmp_path / "steady")]
+    assert all("averaged over 9 frames where the scene is still" in note for note in notes)
+    assert all("as 5 frames, 0-4x2, 7, 9 of the shot decide" in note for note in notes)
+
+
+def test_a_frame_alone_is_as_with_the_others(tmp_path: Path) -> None:
+    patterns = still(tmp_path)
+    assert render(*patterns, "-o", tmp_path / "all").code == 0
+    assert render(*patterns, "-o", tmp_path / "one", "--frames", "3").code == 0
+    name = Path("render") / "rgb.0003.exr"
+    assert (tmp_path / "all" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+
+
+def test_a_frame_without_noise_does_not_decide_for_itself(tmp_path: Path) -> None:
+    patterns = still(tmp_path, 6)
+    depth_exr(tmp_path / "z.0003.exr", np.full((HEIGHT, WIDTH), 3.0, np.float32))
+    assert render(*patterns, "-o", tmp_path / "out").code == 0
+    assert all("noisy by" in record["depth_note"] for record in records(tmp_path / "out"))
+
+
+def test_depth_without_noise_makes_the_bytes_of_a_plain_batch(tmp_path: Path) -> None:
+    patterns = still(tmp_path, 4, noise=0.0)
+    assert render(*patterns, "-o", tmp_path / "a").code == 0
+    assert render(*patterns, "-o", tmp_path / "b", "--no-steady").code == 0
+    for k in range(4):
+        name = Path("render") / f"rgb.{k:04}.exr"
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def moving_focus(folder: Path) -> tuple[Path, Path]:
+    """Frames whose depth goes from 2 m to 4 m."""
+    for k, metres in enumerate((2.0, 2.5, 3.0, 3.5, 4.0)):
+        color_exr(folder / f"rgb.{k:04}.exr", smooth())
+        depth_exr(folder / f"z.{k:04}.exr", np.full((HEIGHT, WIDTH), metres, np.float32))
+    return folder / "rgb.####.exr", folder / "z.####.exr"
+
+
+@pytest.mark.parametrize("focus", [("--focus-at", "9,9"), ("--focus", "percentile(50)")])
+def test_a_focus_that_depth_decides_is_one_for_the_shot(
+    tmp_path: Path, focus: tuple[str, str]
+) -> None:
+    patterns = moving_focus(tmp_path)
+    cases: dict[tuple[str, ...], list[float]] = {
+        (): [3000] * 5,
+        ("--no-steady",): [2000, 2500, 3000, 3500, 4000],
+        ("--focus-smooth", "3"): [
+            3000 / sum(1 / m for m in three)
+            for three in ((2, 2.5, 3), (2, 2.5, 3), (2.5, 3, 3.5), (3, 3.5, 4), (3, 3.5, 4))
+        ],
+    }
+    for number, (words, foci) in enumerate(cases.items()):
+        out = tmp_path / f"out{number}"
+        ran = run("render", *patterns, "-o", out, *FOCAL, *focus, *words)
+        assert ran.code == 0, ran.err
+        found = {each["sample_id"]: each["lens"]["focus_mm"] for each in records(out)}
+        assert [found[f"rgb.{k:04}"] for k in range(5)] == pytest.approx(foci, rel=1e-6)
+
+
+def test_a_tracked_point_is_followed_and_smoothed_if_asked(tmp_path: Path) -> None:
+    patterns = moving_focus(tmp_path)
+    (tmp_path / "track.csv").write_text("frame,x,y\n0,3,4\n4,23,4\n")
+    words = ("render", *patterns, *FOCAL, "--animate", tmp_path / "track.csv")
+    assert run(*words, "-o", tmp_path / "own").code == 0
+    foci = [record["lens"]["focus_mm"] for record in records(tmp_path / "own")]
+    assert foci == pytest.approx([2000, 2500, 3000, 3500, 4000])
+    assert records(tmp_path / "own")[2]["lens"]["focus_at_px"] == [13, 4]
+    assert run(*words, "-o", tmp_path / "smooth", "--focus-smooth", "5").code == 0
+    foci = [record["lens"]["focus_mm"] for record in records(tmp_path / "smooth")]
+    assert foci == pytest.approx([5000 / sum(1 / m for m in (2, 2.5, 3, 3.5, 4))] * 5)
+
+
+def test_what_has_no_effect_is_refused(tmp_path: Path) -> None:
+    patterns = moving_focus(tmp_path)
+    ran = render(*patterns, "-o", tmp_path / "out", "--focus-smooth", "3")
+    refused(ran, 2, "--focus-smooth: smooths nothing")
+    files = (tmp_path / "rgb.0000.exr", tmp_path / "z.0000.exr")
+    for words in (("--no-steady",), ("--motion", "forward"), ("--focus-smooth", "3")):
+        refused(render(*files, "-o", tmp_path / "out", *words), 2, words[0].replace("no-", ""))
+
+
+def passing_card(folder: Path, layer: str) -> tuple[Path, Path]:
+    """A near card that moves by 6 px to the right in each frame, before a still wall."""
+    wall = smooth(3)
+    for k in range(4):
+        pixels, metres = wall.copy(), np.full((HEIGHT, WIDTH), 2.0, np.float32)
+        card = (slice(10, 30), slice(16 + 6 * k, 28 + 6 * k))
+        pixels[card], metres[card] = 0.5, 0.4
+        x = np.zeros((HEIGHT, WIDTH), np.float32)
+        x[card] = 6.0
+        zero = np.zeros_like(x)
+        vectors = {"forward.u": x, "forward.v": zero, "backward.u": -x, "backward.v": zero}
+        if layer != "forward":
+            vectors = dict(zip((f"{layer}.{c}" for c in "XYZW"), (-x, zero, -x, zero), strict=True))
+        planes = {name: pixels[..., i] for i, name in enumerate("RGB")}
+        write_exr(folder / f"rgb.{k:04}.exr", **planes, **vectors)
+        depth_exr(folder / f"z.{k:04}.exr", metres)
+    return folder / "rgb.####.exr", folder / "z.####.exr"
+
+
+@pytest.mark.parametrize("layer", ["forward", "ViewLayer.Vector"])
+def test_what_another_frame_has_seen_is_not_invented(tmp_path: Path, layer: str) -> None:
+    patterns = passing_card(tmp_path, layer)
+    lens = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "2m", "--exr-type", "float")
+    words = ("render", *patterns, *lens, "--outputs", "render,trust")
+    assert run(*words, "-o", tmp_path / "with", "--motion", layer).code == 0
+    assert run(*words, "-o", tmp_path / "without").code == 0
+    one = (tmp_path / "rgb.0001.exr", tmp_path / "z.0001.exr")
+    wall, depth = color_exr(tmp_path / "wall.exr", smooth(3)), tmp_path / "wall_z.exr"
+    depth_exr(depth, np.full((HEIGHT, WIDTH), 2.0, np.float32))
+    assert run("render", *one, *lens, "--hidden", wall, depth, "-o", tmp_path / "truth").code == 0
+    trust, errors = {}, {}
+    truth = read_exr(tmp_path / "truth" / "render" / "rgb.0001.exr")["G"]
+    for out in ("with", "without"):
+        trust[out] = read_exr(tmp_path / out / "trust" / "rgb.0001.exr")["trust"]
+        picture = read_exr(tmp_path / out / "render" / "rgb.0001.exr")["G"]
+        errors[out] = np.square(picture - truth)
+    doubtful = trust["without"] < 0.9
+    doubtful[:8] = doubtful[-8:] = doubtful[:, :8] = doubtful[:, -8:] = False
+    assert doubtful.sum() > 20
+    assert trust["with"][doubtful].mean() > trust["without"][doubtful].mean() + 0.1
+    assert errors["with"][doubtful].mean() < 0.4 * errors["without"][doubtful].mean()
+
+
+def test_vectors_that_are_not_there_are_asked_for(tmp_path: Path) -> None:
+    patterns = passing_card(tmp_path, "forward")
+    ran = render(*patterns, "-o", tmp_path / "out", "--motion", "Vector")
+    assert ran.code == 1
+    assert "has no motion vectors 'Vector'; its layers are backward, forward" in ran.err
+
+
+def test_retry_knows_the_shot_of_a_frame(tmp_path: Path) -> None:
+    patterns = still(tmp_path, 6)
+    good = (tmp_path / "z.0002.exr").read_bytes()
+    (tmp_path / "z.0002.exr").write_bytes(good[:400])
+    assert render(*patterns, "-o", tmp_path / "out").code == 1
+    (tmp_path / "z.0002.exr").write_bytes(good)
+    ran = run("retry", tmp_path / "out", "--processes", "1")
+    assert ran.code == 0, ran.err
+    assert render(*patterns, "-o", tmp_path / "same").code == 0
+    for k in range(6):
+        name = Path("render") / f"rgb.{k:04}.exr"
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "same" / name).read_bytes()
+    again = render(*patterns, "-o", tmp_path / "out")
+    assert again.err.count("done before") == 6
+
+
+def test_a_jobs_file_says_what_frames_have_in_common(tmp_path: Path) -> None:
+    still(tmp_path, 4)
+    text = """
+        [inputs]
+        color = "rgb.####.exr"
+        depth = "z.####.exr"
+        [lens]
+        focal-length = "50mm"
+        fnumber = 2
+        [sweep]
+        focus = ["1m", "percentile(50)"]
+        [shot]
+        steady = true
+    """
+    (tmp_path / "jobs.toml").write_text(text)
+    ran = run("batch", tmp_path / "jobs.toml", "-o", tmp_path / "out", "--processes", "1")
+    assert ran.code == 0, ran.err
+    found = {r["lens"]["focus_mm"] for r in records(tmp_path / "out") if "p50" in r["sample_id"]}
+    assert len(found) == 1
+    for change, problem in (("steady = true", "steady = 3"), ("steady", "steadiness")):
+        (tmp_path / "jobs.toml").write_text(text.replace(change, problem))
+        assert run("batch", tmp_path / "jobs.toml", "-o", tmp_path / "none").code == 2

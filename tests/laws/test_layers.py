@@ -1,0 +1,210 @@
+"""Layers with coverage: what is known behind each other is rendered as it is, with alpha."""
+
+import pytest
+import torch
+from layers import brute_force, flattened
+from measures import inner, psnr
+from torch import Tensor
+from torch.autograd import gradcheck
+
+from defocus_core import render, render_layers
+
+SIZE = (72, 84)
+
+
+def disc(row: float, column: float, size: float) -> Tensor:
+    """Coverage of a round card with an anti-aliased edge."""
+    y, x = (torch.arange(n, dtype=torch.float32) for n in SIZE)
+    away = torch.hypot(y[:, None] - row, x - column)
+    return (size - away + 0.5).clamp(0, 1)
+
+
+def scene(radii: tuple[float, ...], seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """A layer of three cards of like colours for each radius; premultiplied."""
+    generator = torch.Generator().manual_seed(seed)
+    colors, coverages = [], []
+    for _ in radii:
+        coverage, color = torch.zeros(SIZE), torch.zeros(3, *SIZE)
+        for _ in range(3):
+            row, column, size = torch.rand(3, generator=generator).tolist()
+            card = disc(10 + 52 * row, 10 + 64 * column, 8 + 8 * size)
+            tint = torch.rand(3, 1, 1, generator=generator)
+            color, coverage = (x * (1 - card) for x in (color, coverage))
+            color, coverage = color + tint * card, coverage + card
+        colors.append(color)
+        coverages.append(coverage)
+    radius = torch.tensor(radii)[:, None, None].expand(-1, *SIZE)
+    return torch.stack(colors), radius, torch.stack(coverages)
+
+
+def test_one_opaque_layer_is_the_rendering_of_the_picture() -> None:
+    generator = torch.Generator().manual_seed(1)
+    image = torch.rand(3, *SIZE, generator=generator)
+    radius = torch.where(disc(30, 40, 12) > 0.5, -6.0, 3.0)
+    plain = render(image, radius, left_right=True)
+    views = render_layers(image[None], radius[None], torch.ones(1, *SIZE), left_right=True)
+    for one, other in zip(views.images, plain.images, strict=True):
+        assert torch.equal(one[:-1], other)
+        assert bool((one[-1] == 1).all())
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "reference"])
+def test_in_focus_layers_are_over_each_other(quality: str) -> None:
+    colors, radius, coverage = scene((-1.0, 2.0, 5.0))
+    coverage, colors = coverage * 0.7, colors * 0.7
+    views = render_layers(colors, radius * 0, coverage, quality=quality)
+    assert (views.render - flattened(colors, radius, coverage)).abs().max() < 1e-6
+
+
+def test_a_layer_in_focus_is_exact_behind_blurred_ones() -> None:
+    colors, radius, coverage = scene((-6.0, 0.0))
+    coverage[0] *= 0.6
+    colors[0] *= 0.6
+    truth = inner(brute_force(colors, radius, coverage), 7)
+    assert psnr(inner(render_layers(colors, radius, coverage).render, 7).double(), truth) > 44
+
+
+def test_layers_come_in_any_order() -> None:
+    colors, radius, coverage = scene((-6.0, 2.0, 5.0))
+    views = render_layers(colors, radius, coverage)
+    turned = render_layers(colors.flip(0), radius.flip(0), coverage.flip(0))
+    assert torch.equal(views.render, turned.render)
+
+
+def test_without_coverage_there_is_nothing_whatever_colour_and_radius_say() -> None:
+    colors, radius, coverage = scene((-6.0, 2.0))
+    plain = render_layers(colors, radius, coverage).render
+    nothing = coverage == 0
+    colors = torch.where(nothing[:, None], torch.nan, colors)
+    for wrong in (torch.nan, torch.inf, -1e9, 0.0):
+        views = render_layers(colors, torch.where(nothing, wrong, radius), coverage)
+        assert torch.equal(views.render, plain)
+
+
+def test_empty_layers_are_empty() -> None:
+    views = render_layers(
+        torch.ones(2, 3, *SIZE), torch.full((2, *SIZE), 4.0), torch.zeros(2, *SIZE)
+    )
+    assert not views.render.any()
+
+
+@pytest.mark.parametrize("radii", [(-5.0, 6.0), (-3.0,), (4.0, 1.0, 9.0)])
+def test_white_has_the_colour_of_its_alpha(radii: tuple[float, ...]) -> None:
+    _, radius, coverage = scene(radii)
+    white = coverage[:, None].expand(-1, 3, -1, -1)
+    views = render_layers(white, radius, coverage, left_right=True)
+    for image in views.images:
+        assert (image[:-1] - image[-1:]).abs().max() < 1e-5
+
+
+def test_opaque_white_layers_are_white_to_the_border() -> None:
+    radius = torch.stack([torch.linspace(-9, 3, SIZE[1]).expand(SIZE), torch.full(SIZE, 7.0)])
+    _, _, coverage = scene((-5.0, 6.0))
+    coverage[1] = 1.0
+    white = coverage[:, None].expand(-1, 3, -1, -1)
+    views = render_layers(white, radius, coverage)
+    assert (views.render - 1).abs().max() < 1e-5
+    views = render_layers(torch.ones(1, 3, *SIZE), radius[:1], torch.ones(1, *SIZE))
+    assert (views.render - 1).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("radii", "least"),
+    [((-6.0, -2.0), 37.0), ((-6.0, 0.0), 43.0), ((2.0, 7.0), 32.0), ((-6.0, 1.0, 6.0), 35.0)],
+)
+def test_the_picture_is_near_the_brute_force_one(radii: tuple[float, ...], least: float) -> None:
+    colors, radius, coverage = scene(radii, 3)
+    truth = inner(brute_force(colors, radius, coverage), 9)
+    views = render_layers(colors, radius, coverage)
+    assert psnr(inner(views.render, 9).double(), truth) > least
+
+
+def test_what_layers_know_is_not_invented() -> None:
+    colors, radius, coverage = scene((-6.0, 3.0))
+    colors[1], coverage[1] = 0.5, 1.0
+    colors[0] = 0.0
+    views = render_layers(colors, radius, coverage)
+    shadow = views.render[:3] / 0.5
+    assert bool((views.render[3] > 1 - 1e-5).all())
+    alone = render_layers(coverage[:1, None], radius[:1], coverage[:1]).render[1]
+    assert psnr(inner(shadow[0], 9), inner(1 - alone, 9)) > 45
+
+
+def test_an_element_ends_at_its_silhouette() -> None:
+    card = disc(36, 42, 14)
+    radius = torch.where(disc(36, 42, 6) > 0, -7.0, 5.0)[None]
+    views = render_layers(card[None, None] * 0.5, radius, card[None])
+    truth = brute_force(card[None, None] * 0.5, torch.full_like(radius, 5.0), card[None])
+    ring = disc(36, 42, 19) - disc(36, 42, 14) > 0.99
+    assert (views.render[1] - truth[1])[ring].abs().max() < 0.02
+    assert bool((views.render[1][disc(36, 42, 6) == 1] > 0.97).all())
+
+
+def test_any_number_of_channels_gets_the_same_weights() -> None:
+    colors, radius, coverage = scene((-6.0, 2.0))
+    many = torch.cat([colors, colors.flip(1), colors[:, :1]], 1)
+    three, seven = (render_layers(x, radius, coverage).render for x in (colors, many))
+    assert (seven[:3] - three[:3]).abs().max() < 1e-5
+    assert (seven[3:6] - three[:3].flip(0)).abs().max() < 1e-5
+    assert (seven[-1] - three[-1]).abs().max() < 1e-5
+
+
+def test_tiles_threads_and_views_do_not_change_the_centre() -> None:
+    colors, radius, coverage = scene((-6.0, 2.0, 5.0))
+    plain = render_layers(colors, radius, coverage).render
+    same = render_layers(colors, radius, coverage, threads=3, left_right=True)
+    assert torch.equal(same.render, plain)
+    other = render_layers(colors, radius, coverage, tile=32).render
+    assert (other - plain).abs().max() < 1e-5
+
+
+def test_left_and_right_make_the_centre_and_move_apart() -> None:
+    colors, radius, coverage = scene((-6.0, 2.0, 5.0))
+    centre, left, right = render_layers(colors, radius, coverage, left_right=True).images
+    assert ((left + right) / 2 - centre).abs().max() < 1e-5
+    mirrored = render_layers(colors.flip(-1), radius.flip(-1), coverage.flip(-1), left_right=True)
+    assert psnr(mirrored.images[1].flip(-1), right) > 60
+
+
+def test_a_light_keeps_its_energy_behind_what_hides_half_of_it() -> None:
+    colors, radius, coverage = scene((-6.0, 5.0))
+    colors[:], coverage[:] = 0.0, 0.0
+    colors[1, :, 36, 42], coverage[1, 36, 42] = 500.0, 0.5
+    coverage[0] = 0.5
+    light = render_layers(colors, radius, coverage).render[0]
+    assert light[12:-12, 12:-12].sum() == pytest.approx(250.0, rel=0.01)
+    coverage[0] = disc(36, 42, 0)
+    light = render_layers(colors, radius, coverage).render[0]
+    assert light.sum() == pytest.approx(
+        float(brute_force(colors, radius, coverage)[0].sum()), rel=0.01
+    )
+
+
+def test_gradients_reach_colours_radii_and_coverage() -> None:
+    generator = torch.Generator().manual_seed(2)
+    colors = torch.rand(2, 1, 6, 6, generator=generator, dtype=torch.float64)
+    coverage = 0.2 + 0.6 * torch.rand(2, 6, 6, generator=generator, dtype=torch.float64)
+    radius = torch.tensor([-2.3, 1.6], dtype=torch.float64)[:, None, None].expand(2, 6, 6)
+    radius = radius + 0.1 * torch.rand(2, 6, 6, generator=generator, dtype=torch.float64)
+    inputs = tuple(x.requires_grad_() for x in (colors * coverage[:, None], radius, coverage))
+
+    def rendered(*layers: Tensor) -> Tensor:
+        return render_layers(*layers).render
+
+    assert gradcheck(rendered, tuple(x.detach().requires_grad_() for x in inputs), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c, r, a: (c, r, a + 0.5), "coverage must be in"),
+        (lambda c, r, a: (c, r * torch.nan, a), "signed_radius must be finite"),
+        (lambda c, r, a: (c[0], r, a), "layers must be"),
+        (lambda c, r, a: (c, r[:1], a), "layers must be"),
+        (lambda c, r, a: (c.byte(), r, a), "colors must be a tensor of floats"),
+        (lambda c, r, a: (c * torch.nan, r, a), "must be finite"),
+    ],
+)
+def test_wrong_layers_are_refused(change, words: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=words):
+        render_layers(*change(*scene((-6.0, 2.0))))
