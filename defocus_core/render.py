@@ -5,7 +5,7 @@ The centre image is the same whether or not left and right are asked for, and is
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -20,8 +20,9 @@ from defocus_core.layers.stacked_samples import Layered
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.outline import Scalar
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import check_image, dense, described, numbers
+from defocus_core.runtime.validation import check_image, dense, described, number, numbers
 
 
 def render(
@@ -41,6 +42,7 @@ def render(
     edge_width: float | None = None,
     dual_pixel: DualPixel | None = None,
     cat_eye: CatEye | None = None,
+    color_offsets: Sequence[Scalar] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -83,6 +85,8 @@ def render(
             aperture.
         cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
             as they see it, other pixels as a mean of what the corners of their region see.
+        color_offsets: For each channel the px to add to its signed radii, as axial colour does,
+            see `color_offset`; each is rendered alone. Trust is that of the least offset.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -109,13 +113,58 @@ def render(
     )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
+    offsets = _offsets(color_offsets, pictures.shape[1])
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        with own_modes(pixels.device):
-            picture = Picture(pixels, radius, settings, known)
-            parts = picture.parts(progress=progress)
-            views.append(assembled(picture.frame, pixels, parts))
+        colors = [
+            _rendered(pixels[c], radius + px, settings, _of_color(known, c, px), progress)
+            for c, px in offsets
+        ]
+        views.append(colors[0] if len(colors) == 1 else _joined(colors, offsets))
     return batch(views) if image.dim() == 4 else views[0]
+
+
+def _rendered(
+    pixels: Tensor,
+    radius: Tensor,
+    settings: Settings,
+    known: Behind | None,
+    progress: Callable[[int, int], None] | None,
+) -> Views:
+    """One picture, or one channel of it."""
+    with own_modes(pixels.device):
+        picture = Picture(pixels, radius, settings, known)
+        return assembled(picture.frame, pixels, picture.parts(progress=progress))
+
+
+def _offsets(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[slice, Scalar]]:
+    """The channels that are rendered together, and the px to add to their radii."""
+    if offsets is None:
+        return [(slice(0, channels), 0.0)]
+    if len(offsets) != channels:
+        raise ValueError(
+            f"color_offsets must be one number in px for each of {channels} channels, got "
+            f"{len(offsets)}; 0 leaves a channel as it is"
+        )
+    for px in offsets:
+        number("color_offsets", px, "in px of radius")
+    return [(slice(c, c + 1), px) for c, px in enumerate(offsets)]
+
+
+def _of_color(known: Behind | None, channel: slice, px: Scalar) -> Behind | None:
+    """A channel of a known layer, with the px added to its radii."""
+    if known is None:
+        return None
+    return Behind(known.color[channel], known.signed_radius[:] + px, known.mask)
+
+
+def _joined(colors: list[Views], offsets: list[tuple[slice, Scalar]]) -> Views:
+    """The channels side by side."""
+    images = [torch.cat(channels) for channels in zip(*(c.images for c in colors), strict=True)]
+    sharpest = min(
+        range(len(colors)), key=lambda c: abs(float(torch.as_tensor(offsets[c][1]).detach()))
+    )
+    return colors[sharpest]._replace(images=images)
 
 
 def render_layers(

@@ -100,6 +100,7 @@ class Lens:
     sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
     vignetting: bool = False
+    axial_color: tuple[float, float] | None = None  # mm by which red and blue focus farther behind
     blade_curvature: float = 0.0
     obstruction: float = 0.0
     spherical: float = 0.0
@@ -123,6 +124,8 @@ class Lens:
             effects["aperture_image"] = self.aperture_image.name
         if self.sharp_range is not None:
             effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.axial_color is not None:
+            effects["axial_color"] = "{:g}mm:{:g}mm".format(*self.axial_color)
         if self.cat_eye is not None:
             effects["cat_eye"] = "{:g}:{:g}".format(*self.cat_eye)
         if self.highlights is not None:
@@ -145,7 +148,7 @@ EFFECTS = {
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
         *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed", "highlights"),
-        *("cat_eye", "vignetting"),
+        *("cat_eye", "vignetting", "axial_color"),
     )
 }
 

@@ -37,6 +37,7 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "focus-at": (quantities.pixel, "at"),
     "sharp-range": (quantities.distances, "sharp"),
     "cat-eye": (quantities.rim, "rim"),
+    "axial-color": (quantities.shifts, "axial"),
     "vignetting": (quantities.switch, "vignetting"),
     "blades": (quantities.blades, "blades"),
     "blade-rotation": (quantities.angle, "turn"),
@@ -66,6 +67,7 @@ _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an
 _OPTICS = (
     *("focal-length", "fnumber", "aperture-diameter", "sensor-width"),
     *("focus", "focus-at", "sharp-range", "cat-eye", "vignetting"),
+    "axial-color",
 )
 SHAPES = tuple(name for name in _ROWS if name not in _OPTICS)
 
@@ -187,6 +189,7 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
         sensor_width=values.get("sensor-width", Lens.sensor_width),
         sharp_range=values.get("sharp-range"),
         cat_eye=values.get("cat-eye"),
+        axial_color=values.get("axial-color"),
         vignetting=values.get("vignetting", Lens.vignetting),
         focus_percentile=percentile,
         focus_source=source,

@@ -42,6 +42,11 @@ _LENS_HELP = {
         "Rim of the barrel that clips the opening off the middle of the picture, like 1.05:1.5: "
         "its radius and its distance before the opening, in radii of the opening.",
     ),
+    "axial-color": (
+        "RED:BLUE",
+        "Axial colour, like 0.1mm:0.1mm: how much farther behind the lens red and blue are in "
+        "focus than green. Above 0, rims are green beyond the focus and magenta nearer.",
+    ),
     "vignetting": (
         "on|off",
         "Whether corners are darker by the light that the rim takes away.  [default: off]",

@@ -93,6 +93,20 @@ def lens_scale(lens: Lens, size: tuple[int, int]) -> float:
     return float(thin_lens.radius_at_infinity() - near) * MM_PER_M
 
 
+def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
+    """Px by which the signed radii of red and of blue differ from those of green.
+
+    Raises:
+        UsageProblem: there is no such lens.
+    """
+    from defocus_core import color_offset
+
+    assert lens.axial_color is not None
+    thin_lens = _thin_lens(lens, size)
+    red, blue = (float(color_offset(thin_lens, shift)) for shift in lens.axial_color)
+    return red, blue
+
+
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:
     """The signed CoC radius in px of a whole frame [H, W], float32, and its smallest and largest.
 

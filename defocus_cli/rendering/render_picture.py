@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.rendering.colors_apart import Colors, chosen, colors_of, of_colors
 from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
@@ -92,14 +94,18 @@ def _fill(
     while True:
         images.clamped.clear()
         try:
-            stream = stream_of(loaded, radius, outcome, seen)
-            if at_once is None:
-                at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
-                if at_once < job.machine.threads:  # memory is short
-                    memory.keep_freed(False)
-                    memory.trim()
-            for part in stream.regions(at_once, progress):
-                images.place(loaded.layers.in_order(part) if loaded.layers else part)
+            colors = colors_of(loaded, outcome)
+            for number, color in enumerate(colors):
+                stream = stream_of(loaded, radius, outcome, seen, color)
+                if at_once is None:
+                    at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
+                    if at_once < job.machine.threads:  # memory is short
+                        memory.keep_freed(False)
+                        memory.trim()
+                shown = progress and partial(_of_all, progress, number, len(colors))
+                for part in stream.regions(at_once, shown):
+                    part = loaded.layers.in_order(part) if loaded.layers else part
+                    images.place(part, color.channels if len(colors) > 1 else None)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -110,8 +116,17 @@ def _fill(
             at_once = 1
 
 
+def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
+    """Report tiles of one of several renderings of a picture."""
+    progress(number * tiles + done, count * tiles)
+
+
 def stream_of(
-    loaded: Loaded, radius: Any, outcome: Outcome, seen: HiddenLayer | None = None
+    loaded: Loaded,
+    radius: Any,
+    outcome: Outcome,
+    seen: HiddenLayer | None = None,
+    colors: Colors | None = None,
 ) -> Stream:
     """The renderer of a job, which works region by region.
 
@@ -120,15 +135,18 @@ def stream_of(
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
         seen: what other frames have seen of what is hidden.
+        colors: the channels to render; None for all.
     """
     from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
+    channels, px = colors or Colors(tuple(range(len(loaded.color.planes))))
     image = _lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
+    image = chosen(image, channels)
     aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
     infinity = None
     if not loaded.depth.is_radius:
-        infinity = longer * radius_at_infinity(lens, outcome.size)
+        infinity = longer * (radius_at_infinity(lens, outcome.size) + px)
     settings = Settings(
         aperture=aperture,
         dual_pixel=dual_pixel_of(lens),
@@ -151,9 +169,9 @@ def stream_of(
             return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     return Stream(
         image,
-        Windows([times(radius, longer)], device, lone=True),
+        Windows([times(radius, longer, longer * px)], device, lone=True),
         settings,
-        _hidden(loaded, outcome, seen, longer),
+        of_colors(_hidden(loaded, outcome, seen, longer), channels, longer * px, image),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
@@ -192,8 +210,8 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def place(self, part: Views) -> None:
-        """Copy a rendered region to its place."""
+    def place(self, part: Views, channels: Sequence[int] | None = None) -> None:
+        """Copy a rendered region to its place; of some channels alone, if they are given."""
         import numpy as np
 
         from defocus_cli.exr.writing import clamped_half
@@ -205,6 +223,9 @@ class _Images:
             views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
             if KINDS[kind].image and self._order != sorted(self._order):
                 views = [view[self._order] for view in views]
+            if channels is not None and KINDS[kind].image:
+                apart = len(planes) // len(views)
+                planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in channels)
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:

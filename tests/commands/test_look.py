@@ -291,3 +291,27 @@ def test_a_rim_makes_cats_eyes_off_the_middle_and_dark_corners(tmp_path: Path) -
         ran = run("render", color, depth, *out, *lens, *options)
         assert ran.code != 0
         assert words in ran.err
+
+
+def test_axial_color_makes_rims_green_beyond_the_focus(
+    light: tuple[Path, Path], tmp_path: Path
+) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
+    options = (*lens, "--outputs", "render,left,trust", "--exr-type", "float")
+    for name, more in {"plain": (), "axial": ("--axial-color", "0.2mm:0.2mm")}.items():
+        ran = run("render", *light, "-o", tmp_path / name, *options, *more)
+        assert ran.code == 0, ran.err
+    plain, axial = (read_exr(tmp_path / out / "render/rgb.exr") for out in ("plain", "axial"))
+    np.testing.assert_array_equal(plain["G"], axial["G"])
+    rim = (axial["G"] > 0) & (axial["R"] == 0)
+    assert rim.sum() > 20
+    assert (axial["R"] == axial["B"]).all()
+    for channel in "RGB":
+        assert axial[channel].sum() == pytest.approx(1000, rel=1e-4)
+    assert (
+        "axial color 0.2mm:0.2mm"
+        in run("render", *light, "-o", tmp_path / "x", *options, "--axial-color", "0.2mm:0.2mm").out
+    )
+    for wrong in ("0.2", "0.2mm", "1m:0mm"):
+        out = ("-o", tmp_path / "wrong")
+        refused(run("render", *light, *out, *lens, "--axial-color", wrong), 2, "--axial-color")

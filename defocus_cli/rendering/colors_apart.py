@@ -1,0 +1,73 @@
+"""Colours that are in focus at different distances: channels that are rendered apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from defocus_cli.rendering.focusing import color_offsets
+from defocus_cli.rendering.outcome import Loaded, Outcome
+from defocus_cli.system.errors import UsageProblem
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from defocus_core import Behind, Pixels
+
+
+class Colors(NamedTuple):
+    """Channels of a picture that are rendered together.
+
+    Attributes:
+        channels: their numbers.
+        offset: px that their signed radii are apart from those of the lens.
+    """
+
+    channels: tuple[int, ...]
+    offset: float = 0.0
+
+
+def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
+    """The channels that are rendered together; with axial colour red, blue, then all others.
+
+    Raises:
+        UsageProblem: the picture is of layers, which have one radius for all colours.
+    """
+    names = loaded.color.channels
+    every = Colors(tuple(range(len(names))))
+    if outcome.lens.axial_color is None or "R" not in names:
+        return [every]
+    if loaded.plate is not None or loaded.layers is not None:
+        problem, remedy = "is not for pictures of layers", "leave it out"
+        raise UsageProblem("--axial-color", problem, remedy)
+    offsets = color_offsets(outcome.lens, outcome.size)
+    apart = [Colors((names.index(n),), px) for n, px in zip("RB", offsets, strict=True)]
+    others = tuple(c for c in every.channels if names[c] not in "RB")
+    return [*apart, Colors(others)]
+
+
+def of_colors(
+    behind: Behind | None, channels: Sequence[int], px: float, image: Pixels
+) -> Behind | None:
+    """The hidden layer of some channels, its radii changed by some px; itself of all of them."""
+    if behind is None or len(channels) == behind.color.shape[0]:
+        return behind
+    color = behind.color[:][list(channels)].to(image.device)
+    return behind._replace(color=color, signed_radius=behind.signed_radius[:] + px)
+
+
+def chosen(image: Pixels, channels: Sequence[int]) -> Pixels:
+    """Some channels of a picture [C, H, W]; itself of all of them."""
+    return image if len(channels) == image.shape[0] else _Chosen(image, channels)
+
+
+class _Chosen:
+    """Some channels of a picture, read by windows."""
+
+    def __init__(self, image: Pixels, channels: Sequence[int]) -> None:
+        self._image, self._channels = image, list(channels)
+        self.shape = (len(channels), *image.shape[1:])
+        self.dtype, self.device = image.dtype, image.device
+
+    def __getitem__(self, window: Any) -> Tensor:
+        return self._image[window][self._channels]
