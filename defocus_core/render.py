@@ -86,7 +86,7 @@ def render(
         cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
             as they see it, other pixels as a mean of what the corners of their region see.
         color_offsets: For each channel the px to add to its signed radii, as axial colour does,
-            see `color_offset`; each is rendered alone. Trust is that of the least offset.
+            see `color_offset`; different ones are rendered apart. Trust is that of the least.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -117,7 +117,13 @@ def render(
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
         colors = [
-            _rendered(pixels[c], radius + px, settings, _of_color(known, c, px), progress)
+            _rendered(
+                pixels if len(offsets) == 1 else pixels[c],
+                radius if color_offsets is None else radius + px,
+                settings,
+                _of_color(known, c, px) if color_offsets else known,
+                progress,
+            )
             for c, px in offsets
         ]
         views.append(colors[0] if len(colors) == 1 else _joined(colors, offsets))
@@ -137,32 +143,38 @@ def _rendered(
         return assembled(picture.frame, pixels, picture.parts(progress=progress))
 
 
-def _offsets(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[slice, Scalar]]:
+def _offsets(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[int], Scalar]]:
     """The channels that are rendered together, and the px to add to their radii."""
     if offsets is None:
-        return [(slice(0, channels), 0.0)]
+        return [(list(range(channels)), 0.0)]
     if len(offsets) != channels:
         raise ValueError(
             f"color_offsets must be one number in px for each of {channels} channels, got "
             f"{len(offsets)}; 0 leaves a channel as it is"
         )
-    for px in offsets:
-        number("color_offsets", px, "in px of radius")
-    return [(slice(c, c + 1), px) for c, px in enumerate(offsets)]
+    together: dict[float, tuple[list[int], Scalar]] = {}
+    for c, px in enumerate(offsets):
+        value = number("color_offsets", px, "in px of radius")
+        key = value if not isinstance(px, Tensor) else -1.0 - id(px)  # gradients stay apart
+        together.setdefault(key, ([], px))[0].append(c)
+    return list(together.values())
 
 
-def _of_color(known: Behind | None, channel: slice, px: Scalar) -> Behind | None:
-    """A channel of a known layer, with the px added to its radii."""
+def _of_color(known: Behind | None, channels: list[int], px: Scalar) -> Behind | None:
+    """Channels of a known layer, with the px added to its radii."""
     if known is None:
         return None
-    return Behind(known.color[channel], known.signed_radius[:] + px, known.mask)
+    return Behind(known.color[channels], known.signed_radius[:] + px, known.mask)
 
 
-def _joined(colors: list[Views], offsets: list[tuple[slice, Scalar]]) -> Views:
-    """The channels side by side."""
-    images = [torch.cat(channels) for channels in zip(*(c.images for c in colors), strict=True)]
+def _joined(colors: list[Views], offsets: list[tuple[list[int], Scalar]]) -> Views:
+    """All channels in their order."""
+    order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
+    images = [
+        torch.cat(channels)[order] for channels in zip(*(c.images for c in colors), strict=True)
+    ]
     sharpest = min(
-        range(len(colors)), key=lambda c: abs(float(torch.as_tensor(offsets[c][1]).detach()))
+        range(len(colors)), key=lambda i: abs(float(torch.as_tensor(offsets[i][1]).detach()))
     )
     return colors[sharpest]._replace(images=images)
 

@@ -41,7 +41,10 @@ def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
         problem, remedy = "is not for pictures of layers", "leave it out"
         raise UsageProblem("--axial-color", problem, remedy)
     offsets = color_offsets(outcome.lens, outcome.size)
-    apart = [Colors((names.index(n),), px) for n, px in zip("RB", offsets, strict=True)]
+    red, blue = names.index("R"), names.index("B")
+    apart = [Colors((red,), offsets[0]), Colors((blue,), offsets[1])]
+    if offsets[0] == offsets[1]:
+        apart = [Colors((red, blue), offsets[0])]
     others = tuple(c for c in every.channels if names[c] not in "RB")
     return [*apart, Colors(others)]
 
