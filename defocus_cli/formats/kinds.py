@@ -35,6 +35,7 @@ class Kind:
             blue above 0. None of a kind that is rendered: it is the
             attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
         views: of an image of several, the kinds that are the views of its one EXR file.
+        turned: the view that it is of the picture with rows for columns, left or right.
         of_picture: whether it is an image made of the colours and the radii, without rendering.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
@@ -46,6 +47,7 @@ class Kind:
     halves: bool = False
     of_radius: Callable[[NDArray[Any], float], NDArray[Any]] | None = None
     views: tuple[str, ...] = ()
+    turned: str = ""
     of_picture: bool = False
     title: str = ""
     unit: str = ""
@@ -80,6 +82,8 @@ _ROWS = (
     Kind("render", "the defocused picture", image=True),
     Kind("left", "what the left half of the lens sees (dual pixel)", image=True, halves=True),
     Kind("right", "what the right half of the lens sees", image=True, halves=True),
+    Kind("up", "what the upper half sees (quad pixel)", image=True, turned="left"),
+    Kind("down", "what the lower half sees", image=True, turned="right"),
     Kind(
         "coc",
         "signed radius of the circle of confusion in px, beyond the focus positive",

@@ -21,10 +21,28 @@ class Colors(NamedTuple):
     Attributes:
         channels: their numbers.
         offset: px that their signed radii are apart from those of the lens.
+        turned: whether rows are rendered as columns, whose left and right are up and down.
     """
 
     channels: tuple[int, ...]
     offset: float = 0.0
+    turned: bool = False
+
+
+def renderings(loaded: Loaded, outcome: Outcome) -> list[Colors]:
+    """What is rendered one after another; what says most of the picture comes last.
+
+    Raises:
+        UsageProblem: the picture is of layers, and something is asked for that they have not got.
+    """
+    rows = [kind for kind in outcome.job.outputs.rows if kind.rendered]
+    colors = colors_of(loaded, outcome)
+    turned = [color._replace(turned=True) for color in colors if any(k.turned for k in rows)]
+    if turned and (loaded.plate is not None or loaded.layers is not None):
+        problem, remedy = "up and down are not for pictures of layers", "leave them out"
+        raise UsageProblem("--outputs", problem, remedy)
+    upright = [] if all(kind.turned for kind in rows) else colors
+    return [*turned, *upright]
 
 
 def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
@@ -74,3 +92,36 @@ class _Chosen:
 
     def __getitem__(self, window: Any) -> Tensor:
         return self._image[window][self._channels]
+
+
+def turned_layer(behind: Behind) -> Behind:
+    """A hidden layer with rows for columns."""
+    return behind._replace(
+        color=transposed(behind.color),
+        signed_radius=transposed(behind.signed_radius),
+        mask=transposed(behind.mask),
+    )
+
+
+def transposed(image: Pixels) -> Pixels:
+    """A picture [..., H, W] with rows for columns."""
+    return _Transposed(image)
+
+
+class _Transposed:
+    """A picture with rows for columns, read by windows."""
+
+    def __init__(self, image: Pixels) -> None:
+        self._image = image
+        *before, height, width = image.shape
+        self.shape = (*before, width, height)
+        self.dtype, self.device = image.dtype, image.device
+
+    def __getitem__(self, window: Any) -> Tensor:
+        cuts = window if isinstance(window, tuple) else (window,)
+        cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
+        if len(cuts) == len(self.shape):  # channels before rows and columns
+            rows, columns = cuts[-2:]
+            return self._image[(*cuts[:-2], columns, rows)].mT.contiguous()
+        columns = cuts[1] if len(cuts) > 1 else slice(None)
+        return self._image[..., columns, cuts[0]].mT.contiguous()

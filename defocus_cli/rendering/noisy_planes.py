@@ -30,7 +30,7 @@ def noisy(
     if lens.noise is None:
         return tuple(planes)
     electrons, read = lens.noise
-    if KINDS[view].halves:
+    if KINDS[view].halves or KINDS[view].turned:
         electrons /= 2
     words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view}"
     return tuple(

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job, Lens
-from defocus_cli.rendering.colors_apart import Colors, chosen, colors_of, of_colors
+from defocus_cli.rendering.colors_apart import (
+    Colors,
+    chosen,
+    of_colors,
+    renderings,
+    transposed,
+    turned_layer,
+)
 from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
@@ -94,7 +101,7 @@ def _fill(
     while True:
         images.clamped.clear()
         try:
-            colors = colors_of(loaded, outcome)
+            colors = renderings(loaded, outcome)
             for number, color in enumerate(colors):
                 stream = stream_of(loaded, radius, outcome, seen, color)
                 if at_once is None:
@@ -105,7 +112,7 @@ def _fill(
                 shown = progress and partial(_of_all, progress, number, len(colors))
                 for part in stream.regions(at_once, shown):
                     part = loaded.layers.in_order(part) if loaded.layers else part
-                    images.place(part, color.channels if len(colors) > 1 else None)
+                    images.place(part, color)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -140,7 +147,7 @@ def stream_of(
     from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
-    channels, px = colors or Colors(tuple(range(len(loaded.color.planes))))
+    channels, px, turned = colors or Colors(tuple(range(len(loaded.color.planes))))
     image = _lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
     image = chosen(image, channels)
     aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
@@ -152,7 +159,7 @@ def stream_of(
         dual_pixel=dual_pixel_of(lens),
         cat_eye=cat_eye_of(lens, outcome.size),
         quality=outcome.quality,
-        left_right=any(kind.halves for kind in job.outputs.rows),
+        left_right=turned or any(kind.halves for kind in job.outputs.rows),
         threads=job.machine.threads,
         tile=job.machine.tile,
         infinity=infinity,
@@ -167,11 +174,17 @@ def stream_of(
         known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
         if known.open or known.number > 1:
             return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
+    radii: Pixels = Windows([times(radius, longer, longer * px)], device, lone=True)
+    behind = of_colors(_hidden(loaded, outcome, seen, longer), channels, longer * px, image)
+    if turned:
+        settings = replace(settings, aperture=aperture.transposed())
+        image, radii = transposed(image), transposed(radii)
+        behind = behind and turned_layer(behind)
     return Stream(
         image,
-        Windows([times(radius, longer, longer * px)], device, lone=True),
+        radii,
         settings,
-        of_colors(_hidden(loaded, outcome, seen, longer), channels, longer * px, image),
+        behind,
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
@@ -210,22 +223,29 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def place(self, part: Views, channels: Sequence[int] | None = None) -> None:
-        """Copy a rendered region to its place; of some channels alone, if they are given."""
+    def place(self, part: Views, colors: Colors) -> None:
+        """Copy a rendered region to its place: the channels and kinds that were rendered."""
         import numpy as np
 
         from defocus_cli.exr.writing import clamped_half
         from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box
+        if colors.turned:
+            top, left, height, width = left, top, width, height
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
-            views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
+            if bool(turned := KINDS[kind].turned) != colors.turned:
+                continue
+            names = (turned,) if turned else KINDS[kind].rendered_as
+            views = [to_array(getattr(part, view)) for view in names]
+            if turned:
+                views = [view.swapaxes(-1, -2) for view in views]
             if KINDS[kind].image and self._order != sorted(self._order):
                 views = [view[self._order] for view in views]
-            if channels is not None and KINDS[kind].image:
-                apart = len(planes) // len(views)
-                planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in channels)
+            if KINDS[kind].image and len(colors.channels) < len(self._order):
+                apart, some = len(planes) // len(views), colors.channels
+                planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from defocus_core.optics.cat_eye import Rim
+from defocus_core.optics.cat_eye import Rim, fineness
 from defocus_core.optics.curved_blades import CurvedPolygon
 from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Scalar, Squeezed
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
@@ -36,8 +36,6 @@ _RANGES = {
 }
 # Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
 _LEAST_RADIUS = 1e-6
-# Radius in px below which a clipped pupil is sampled in parts of a pixel, so many at most.
-_FINE_RADIUS, _MOST_FINE = 10.0, 16
 # Radius in px of the kernel of which a centroid is taken.
 _CENTROID_RADIUS = 48.0
 
@@ -146,6 +144,15 @@ class Aperture:
         }
         return replace(self, **tensors) if tensors else self
 
+    def transposed(self) -> Aperture:
+        """The pupil of a picture whose rows are columns, as up and down are its left and right."""
+        return replace(
+            self,
+            rotation=-90.0 - self.rotation if self.blades else self.rotation,
+            image=self.image and self.image.transposed(),
+            squeeze=self.squeeze if _is(self.squeeze, 1.0) else 1 / self.squeeze,
+        )
+
     def kernel(
         self, radius: Tensor, size: int, part: Part = FULL, rim: Rim | None = None
     ) -> Tensor:
@@ -183,7 +190,7 @@ class Aperture:
             area = self._live_area(part)
         r = radius.double()
         r = torch.where(r.abs() < _LEAST_RADIUS, _LEAST_RADIUS, r)
-        fine = 1 if rim is None else _fineness(float(r.detach().abs().min()))
+        fine = 1 if rim is None else fineness(float(r.detach().abs().min()))
         corners = torch.arange(size * fine + 1, dtype=r.dtype, device=r.device) / fine - size / 2
         u = corners / r[..., None]  # [..., size + 1], descending where r < 0
         light = self._light(u, r, part, rim)
@@ -288,8 +295,3 @@ def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
 def _is(value: Scalar, number: float) -> bool:
     """Whether an attribute is a plain number of this value, so that it has no effect."""
     return not isinstance(value, Tensor) and value == number
-
-
-def _fineness(radius: float) -> int:
-    """Parts of a pixel, along an axis, in which a rim of a blur of some px clips evenly."""
-    return max(1, min(_MOST_FINE, math.ceil(_FINE_RADIUS / radius)))

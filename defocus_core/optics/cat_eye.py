@@ -19,6 +19,8 @@ from defocus_core.runtime.validation import number
 _LENGTHS = "lengths are in radii of the pupil"
 # The rim keeps this share of its radius about the middle of the pupil.
 _LEAST_OPEN = 0.1
+# Radius in px below which a clipped pupil is sampled in parts of a pixel, so many at most.
+_FINE_RADIUS, _MOST_FINE = 10.0, 16
 
 
 class Rim(NamedTuple):
@@ -123,3 +125,8 @@ def falloff(apart: Tensor, size: Scalar) -> Tensor:
     kite = ((1 + r - d) * (d + 1 - r) * (d - 1 + r) * (d + 1 + r)).clamp(min=0).sqrt()
     lens = first.acos() + r * r * second.acos() - kite / 2
     return (lens / math.pi).clamp(0, 1)
+
+
+def fineness(radius: float) -> int:
+    """Parts of a pixel, along an axis, in which a rim of a blur of some px clips evenly."""
+    return max(1, min(_MOST_FINE, math.ceil(_FINE_RADIUS / radius)))

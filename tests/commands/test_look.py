@@ -313,3 +313,40 @@ def test_axial_color_makes_rims_green_beyond_the_focus(
     for wrong in ("0.2", "0.2mm", "1m:0mm"):
         out = ("-o", tmp_path / "wrong")
         refused(run("render", *light, *out, *lens, "--axial-color", wrong), 2, "--axial-color")
+
+
+@pytest.mark.parametrize(
+    "options", [(), ("--blades", "5", "--blade-rotation", "20"), ("--axial-color", "0.1mm:-0.1mm")]
+)
+def test_up_and_down_are_the_halves_of_quad_pixels(
+    tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.random((40, 56, 3), np.float32)
+    metres = np.full((40, 56), 6.0, np.float32)
+    metres[12:30, 20:40] = 1.2
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "9mm")
+
+    def shown(name: str, flip: bool, kinds: str) -> dict[str, np.ndarray]:
+        turn = (lambda a: np.ascontiguousarray(a.swapaxes(0, 1))) if flip else (lambda a: a)
+        color = color_exr(tmp_path / name / "a.exr", turn(pixels))
+        depth = depth_exr(tmp_path / name / "d.exr", turn(metres))
+        width = ("--sensor-width", f"{9 * 40 / 56}mm") if flip else ()
+        out = ("-o", tmp_path / name / "out", "--outputs", kinds, "--exr-type", "float")
+        ran = run("render", color, depth, *out, *lens, *width, *options)
+        assert ran.code == 0, ran.err
+        files = {
+            kind: read_exr(tmp_path / name / "out" / kind / "a.exr") for kind in kinds.split(",")
+        }
+        return {k: turn(np.stack([f[c] for c in "RGB"], -1)) for k, f in files.items()}
+
+    views = shown("upright", False, "render,left,right,up,down")
+    mean = (views["up"] + views["down"]) / 2
+    assert np.abs(mean - views["render"]).max() < 2e-3
+    assert np.abs(views["up"] - views["left"]).max() > 0.05
+    alone = shown("alone", False, "up,down")
+    np.testing.assert_array_equal(alone["up"], views["up"])
+    if not options:  # a round opening is its own transpose
+        turned = shown("turned", True, "left,right")
+        np.testing.assert_allclose(turned["left"], views["up"], atol=1e-4)
+        np.testing.assert_allclose(turned["right"], views["down"], atol=1e-4)

@@ -236,3 +236,11 @@ def test_a_pupil_that_makes_no_sense_is_refused(options: dict, words: str) -> No
 def test_a_picture_that_is_no_pupil_is_refused(picture: Tensor, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         PupilImage(picture)
+
+
+@pytest.mark.parametrize("pupil", [*PUPILS, Aperture(5, 20.0)])
+def test_a_transposed_pupil_has_rows_for_columns(pupil: Aperture) -> None:
+    kernel, turned = (p.kernel(double(9.3), 21) for p in (pupil, pupil.transposed()))
+    torch.testing.assert_close(turned, kernel.mT, atol=1e-12, rtol=0)
+    again = pupil.transposed().transposed().kernel(double(9.3), 21)
+    torch.testing.assert_close(again, kernel, atol=1e-12, rtol=0)
