@@ -13,16 +13,17 @@ from torch import Tensor
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import assembled
 from defocus_core.engine.settings import Settings
-from defocus_core.images.views import Views, batch
+from defocus_core.images.views import Views, batch, of_channels
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.outline import Scalar
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import check_image, dense, described, number, numbers
+from defocus_core.runtime.validation import check_image, dense, described, numbers
 
 
 def render(
@@ -113,7 +114,7 @@ def render(
     )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
-    offsets = _offsets(color_offsets, pictures.shape[1])
+    offsets = apart(color_offsets, pictures.shape[1])
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
         colors = [
@@ -121,12 +122,12 @@ def render(
                 pixels if len(offsets) == 1 else pixels[c],
                 radius if color_offsets is None else radius + px,
                 settings,
-                _of_color(known, c, px) if color_offsets else known,
+                known and known.of_channels(c, px),
                 progress,
             )
             for c, px in offsets
         ]
-        views.append(colors[0] if len(colors) == 1 else _joined(colors, offsets))
+        views.append(colors[0] if len(colors) == 1 else of_channels(colors, offsets))
     return batch(views) if image.dim() == 4 else views[0]
 
 
@@ -141,42 +142,6 @@ def _rendered(
     with own_modes(pixels.device):
         picture = Picture(pixels, radius, settings, known)
         return assembled(picture.frame, pixels, picture.parts(progress=progress))
-
-
-def _offsets(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[int], Scalar]]:
-    """The channels that are rendered together, and the px to add to their radii."""
-    if offsets is None:
-        return [(list(range(channels)), 0.0)]
-    if len(offsets) != channels:
-        raise ValueError(
-            f"color_offsets must be one number in px for each of {channels} channels, got "
-            f"{len(offsets)}; 0 leaves a channel as it is"
-        )
-    together: dict[float, tuple[list[int], Scalar]] = {}
-    for c, px in enumerate(offsets):
-        value = number("color_offsets", px, "in px of radius")
-        key = value if not isinstance(px, Tensor) else -1.0 - id(px)  # gradients stay apart
-        together.setdefault(key, ([], px))[0].append(c)
-    return list(together.values())
-
-
-def _of_color(known: Behind | None, channels: list[int], px: Scalar) -> Behind | None:
-    """Channels of a known layer, with the px added to its radii."""
-    if known is None:
-        return None
-    return Behind(known.color[channels], known.signed_radius[:] + px, known.mask)
-
-
-def _joined(colors: list[Views], offsets: list[tuple[list[int], Scalar]]) -> Views:
-    """All channels in their order."""
-    order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
-    images = [
-        torch.cat(channels)[order] for channels in zip(*(c.images for c in colors), strict=True)
-    ]
-    sharpest = min(
-        range(len(colors)), key=lambda i: abs(float(torch.as_tensor(offsets[i][1]).detach()))
-    )
-    return colors[sharpest]._replace(images=images)
 
 
 def render_layers(

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.dataset.sample_index import NAME
-from defocus_cli.jobs.job import EFFECTS, Lens
-from defocus_cli.jobs.quantities import distances, highlights, noise, rim, shifts
+from defocus_cli.lenses.lens import EFFECTS, Lens
+from defocus_cli.lenses.quantities import distances, highlights, noise, rim, shifts
 from defocus_cli.system.errors import InputError, reason
 
 

@@ -20,11 +20,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.jobs import quantities
-from defocus_cli.jobs.job import DUAL_PIXEL_MODELS, Lens
-from defocus_cli.jobs.quantities import length_text, read_at, text_of
 from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
+from defocus_cli.lenses import quantities
+from defocus_cli.lenses.lens import DUAL_PIXEL_MODELS, Lens
+from defocus_cli.lenses.quantities import length_text, read_at, text_of
 from defocus_cli.system.errors import UsageProblem
 
 # How each option is read, and what a file name calls it.

@@ -10,10 +10,11 @@ from typing import Any
 
 import click
 
-from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.lens_options import PARSERS, SHAPES, make_lens
 from defocus_cli.jobs.reading_options import lens_file_reading
-from defocus_cli.jobs.shipped_lenses import lens_path
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.shipped_lenses import lens_path
 from defocus_cli.options.types import (
     Decorator,
     FilePath,

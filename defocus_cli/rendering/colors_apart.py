@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.focusing import color_offsets
 from defocus_cli.rendering.outcome import Loaded, Outcome
 from defocus_cli.system.errors import UsageProblem
@@ -75,6 +76,15 @@ def of_colors(
         return behind
     color = behind.color[:][list(channels)].to(image.device)
     return behind._replace(color=color, signed_radius=behind.signed_radius[:] + px)
+
+
+def lit(image: Pixels, channels: Sequence[str], lens: Lens) -> Pixels:
+    """The picture, with the light that its clipped lights lost if the lens asks for it."""
+    from defocus_core import with_lights
+
+    if lens.highlights is None:
+        return image
+    return with_lights(image, *lens.highlights, colors=len(channels) - ("A" in channels))
 
 
 def chosen(image: Pixels, channels: Sequence[int]) -> Pixels:

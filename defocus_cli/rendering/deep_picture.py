@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
-    from defocus_cli.jobs.job import Lens, Picture, Reading
+    from defocus_cli.jobs.job import Picture, Reading
+    from defocus_cli.lenses.lens import Lens
     from defocus_core import Layered, Views
 
 

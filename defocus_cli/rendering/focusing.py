@@ -10,10 +10,11 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Lens, Machine
+from defocus_cli.jobs.job import Machine
 from defocus_cli.jobs.lens_options import refuse_near_focus
-from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import drawn_lens
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.quantities import Percentile, length_text
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError, Rejected, UsageProblem, reason
 

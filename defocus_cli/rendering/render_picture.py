@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.jobs.job import Job
+from defocus_cli.look.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_cli.rendering.colors_apart import (
     Colors,
     chosen,
+    lit,
     of_colors,
     renderings,
     transposed,
@@ -22,7 +24,6 @@ from defocus_cli.rendering.colors_apart import (
 from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands, times
@@ -148,7 +149,7 @@ def stream_of(
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
     channels, px, turned = colors or Colors(tuple(range(len(loaded.color.planes))))
-    image = _lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
+    image = lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
     image = chosen(image, channels)
     aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
     infinity = None
@@ -187,15 +188,6 @@ def stream_of(
         behind,
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
-
-
-def _lit(image: Windows, channels: Sequence[str], lens: Lens) -> Pixels:
-    """The picture, with the light that its clipped lights lost if the lens asks for it."""
-    from defocus_core import with_lights
-
-    if lens.highlights is None:
-        return image
-    return with_lights(image, *lens.highlights, colors=len(channels) - ("A" in channels))
 
 
 class _Images:

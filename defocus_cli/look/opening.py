@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.kinds import DISPARITY_PER_RADIUS
-from defocus_cli.jobs.job import Lens
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 from defocus_cli.system.safe_files import read_head
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.encode import write_samples
 from defocus_cli.jobs.lens_options import make_lens
-from defocus_cli.jobs.shipped_lenses import ShippedLens
-from defocus_cli.rendering.opening import aperture_of, cat_eye_of
+from defocus_cli.lenses.shipped_lenses import ShippedLens
+from defocus_cli.look.opening import aperture_of, cat_eye_of
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
