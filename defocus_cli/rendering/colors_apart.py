@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_cli.lenses.lens import Lens
+from defocus_cli.look.opening import pupil_images
 from defocus_cli.rendering.focusing import color_offsets
 from defocus_cli.rendering.outcome import Loaded, Outcome
 from defocus_cli.system.errors import UsageProblem
@@ -22,12 +23,14 @@ class Colors(NamedTuple):
     Attributes:
         channels: their numbers.
         offset: px that their signed radii are apart from those of the lens.
+        color: of their light, where the opening is coloured: red is 0, green 1, blue 2.
         turned: whether rows are rendered as columns, whose left and right are up and down.
     """
 
     channels: tuple[int, ...]
     offset: float = 0.0
     turned: bool = False
+    color: int | None = None
 
 
 def renderings(loaded: Loaded, outcome: Outcome) -> list[Colors]:
@@ -47,25 +50,34 @@ def renderings(loaded: Loaded, outcome: Outcome) -> list[Colors]:
 
 
 def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
-    """The channels that are rendered together; with axial colour red, blue, then all others.
+    """The channels that are rendered together: all, or red, blue, then all others.
 
     Raises:
         UsageProblem: the picture is of layers, which have one radius for all colours.
     """
     names = loaded.color.channels
     every = Colors(tuple(range(len(names))))
-    if outcome.lens.axial_color is None or "R" not in names:
+    lens = outcome.lens
+    coloured = lens.aperture_image is not None and len(pupil_images(lens.aperture_image)) > 1
+    if not (coloured or lens.axial_color) or "R" not in names:
         return [every]
+    option = "--aperture-image" if coloured else "--axial-color"
     if loaded.plate is not None or loaded.layers is not None:
-        problem, remedy = "is not for pictures of layers", "leave it out"
-        raise UsageProblem("--axial-color", problem, remedy)
-    offsets = color_offsets(outcome.lens, outcome.size)
+        problem, remedy = "has colours apart, which pictures of layers cannot have", "leave it out"
+        raise UsageProblem(option, problem, remedy)
+    if coloured and any(kind.halves or kind.turned for kind in outcome.job.outputs.rows):
+        problem, remedy = "is coloured: its halves may have no light", "leave out left and right"
+        raise UsageProblem(option, problem, remedy)
+    offsets = color_offsets(lens, outcome.size) if lens.axial_color else (0.0, 0.0)
     red, blue = names.index("R"), names.index("B")
-    apart = [Colors((red,), offsets[0]), Colors((blue,), offsets[1])]
-    if offsets[0] == offsets[1]:
-        apart = [Colors((red, blue), offsets[0])]
     others = tuple(c for c in every.channels if names[c] not in "RB")
-    return [*apart, Colors(others)]
+    if offsets[0] == offsets[1] and not coloured:
+        return [Colors((red, blue), offsets[0]), Colors(others)]
+    return [
+        Colors((red,), offsets[0], color=0),
+        Colors((blue,), offsets[1], color=2),
+        Colors(others, color=1),
+    ]
 
 
 def of_colors(

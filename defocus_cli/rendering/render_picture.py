@@ -148,10 +148,10 @@ def stream_of(
     from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
-    channels, px, turned = colors or Colors(tuple(range(len(loaded.color.planes))))
+    channels, px, turned, shade = colors or Colors(tuple(range(len(loaded.color.planes))))
     image = lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
     image = chosen(image, channels)
-    aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
+    aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect, shade)
     infinity = None
     if not loaded.depth.is_radius:
         infinity = longer * (radius_at_infinity(lens, outcome.size) + px)

@@ -21,6 +21,8 @@ from defocus_core.optics.parts import Part
 
 # Least share: a disc much larger than the frame would divide by nearly 0.
 _LEAST_SHARE = 0.01
+# Coverage that a pixel's own surface has besides what a pupil with its light aside sees.
+_TRACE = 1e-6
 # Intervals of the pupil's width in which areas are interpolated; errors stay below 5e-4.
 _STEPS = 128
 
@@ -84,3 +86,12 @@ def _area_below(aperture: Aperture, part: Part, rim: Rim | None) -> Tensor:
             return torch.nn.functional.pad(below, (1, 0, 1, 0))
         up_to = torch.stack([torch.full_like(ends, -1), ends], -1)
         return aperture.share_between(part, up_to[None], up_to[:, None])
+
+
+def own_light(color: Tensor) -> Tensor:
+    """A trace of each pixel's own surface [C, h, w], colour and coverage [C + 1, h, w].
+
+    A pupil that is given as a picture may have its light aside: at a border of the frame it sees
+    nothing within, and a pixel there is what it was.
+    """
+    return torch.cat([color, torch.ones_like(color[:1])]) * _TRACE

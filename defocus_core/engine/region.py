@@ -13,7 +13,7 @@ from defocus_core.blur.field_blend import blended
 from defocus_core.blur.layer_blur import Blur, Sliced
 from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.bokeh_discs import draw
-from defocus_core.compositing.frame_border import share_in_frame
+from defocus_core.compositing.frame_border import own_light, share_in_frame
 from defocus_core.compositing.highlights import Highlights, split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
 from defocus_core.engine.field import corner_rims, frame_at, rims_of
@@ -87,6 +87,7 @@ class Region:
         own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
         self._like = own.color
+        self._own = own_light(inmost.of(own.color)) if frame.settings.aperture.image else None
         places = position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         self._hidden: list[Filling] = []
@@ -199,20 +200,13 @@ class Region:
         Of the coverage [m, h, w] of m parts the share that is not invented, times the share of the
         parts that looks into the frame.
         """
+        mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
-        share = self._mean(observed) / self._mean(covered)
+        share = mean(observed) / mean(covered)
         if self._in_frame is not None and not self._is_inside(box):
             expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
-            share = share * self._mean(expected[:, 0])
+            share = share * mean(expected[:, 0])
         return share.clamp(0, 1)[None]
-
-    def _mean(self, values: Tensor) -> Tensor:
-        """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
-        if len(values) == 1:
-            return values[0]
-        _, _, weights, groups = self._frame.division
-        shares = values.new_tensor(weights[groups[0]])[:, None, None]
-        return (values * shares).sum(0) / shares.sum()
 
     def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
@@ -241,9 +235,11 @@ class Region:
         A picture is divided by its coverage, which highlights do not share: they are weighted by
         it, so that errors of the coverage do not make them brighter.
         """
+        box = self._tiles[index].seen_from(self._tiles[0])
+        if self._own is not None:
+            views = [view + box.of(self._own) for view in views]
         if self._highlights is None:
             return views
-        box = self._tiles[index].seen_from(self._tiles[0])
         lit, groups = box.of(self._highlights), self._frame.division.groups
         inside: list[Tensor | float] = [1.0 for _ in groups]
         if self._in_frame is not None:

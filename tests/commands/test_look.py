@@ -99,7 +99,7 @@ def test_a_look_that_makes_no_sense_is_refused(
     [
         (np.zeros((4, 4)), "above 0"),
         (np.full((4, 4), -1.0), "0 or more"),
-        (np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1), "coloured"),
+        (np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1), "above 0"),
     ],
 )
 def test_a_picture_that_is_no_opening_is_refused(
@@ -350,3 +350,25 @@ def test_up_and_down_are_the_halves_of_quad_pixels(
         turned = shown("turned", True, "left,right")
         np.testing.assert_allclose(turned["left"], views["up"], atol=1e-4)
         np.testing.assert_allclose(turned["right"], views["down"], atol=1e-4)
+
+
+def test_each_colour_sees_its_own_part_of_a_coloured_opening(
+    light: tuple[Path, Path], tmp_path: Path
+) -> None:
+    picture = np.zeros((12, 12, 3))
+    picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
+    np.save(tmp_path / "filter.npy", picture)
+    options = ("--aperture-image", str(tmp_path / "filter.npy"))
+    assert drawn(light, tmp_path / "out", *options).sum() == pytest.approx(1000, rel=1e-4)
+    planes = read_exr(tmp_path / "out/render/rgb.exr")
+    at = np.arange(SIZE)
+    red, green, blue = (float((planes[c].sum(0) * at).sum() / planes[c].sum()) for c in "RGB")
+    assert green == pytest.approx(24, abs=0.05)
+    assert green - red == pytest.approx(blue - green, abs=0.05)
+    assert blue - red > 8
+    lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
+    ran = run("render", *light, "-o", tmp_path / "x", *lens, *options, "--outputs", "left")
+    assert ran.code != 0
+    assert "is coloured" in ran.err
+    high = ("-o", tmp_path / "high", *lens, *options, "--quality", "high")
+    assert run("render", *light, *high).code == 0
