@@ -108,7 +108,7 @@ def test_the_commands_of_a_document_run_one_after_another(
         carry_out(words, monkeypatch)
 
 
-@pytest.mark.parametrize("name", ["README", "python"])
+@pytest.mark.parametrize("name", ["README", "python", "look"])
 def test_the_python_of_a_document_runs(
     name: str, desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
