@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.jobs.job import Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.options import shared
 from defocus_cli.options.lens import lens_options
 from defocus_cli.options.reading import reading_options

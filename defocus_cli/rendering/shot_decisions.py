@@ -12,7 +12,8 @@ from functools import lru_cache
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.job import Job, Lens, Shot, Taken
+from defocus_cli.jobs.job import Job, Shot, Taken
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.focusing import (
     focused,
     lens_scale,
