@@ -11,6 +11,7 @@ from defocus_core.depth.conversion import (
     planar_depth,
 )
 from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.guided_resize import GuidedDepth
 from defocus_core.depth.repair import diagnose_depth, repair_depth
 from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
@@ -22,6 +23,7 @@ from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
+from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
@@ -29,6 +31,7 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, quantisation
 from defocus_core.layers.quality import QUALITIES
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
@@ -44,6 +47,7 @@ from defocus_core.stream import Stream
 
 __all__ = [
     "ATTEMPTS",
+    "AUTO_LIGHTS",
     "DEPTH_REPAIRS",
     "DUAL_PIXEL_MODELS",
     "LAWS",
@@ -59,7 +63,9 @@ __all__ = [
     "DualPixel",
     "Errors",
     "Frame",
+    "GuidedDepth",
     "HiddenLayer",
+    "Layered",
     "Lenses",
     "Pixels",
     "PupilImage",
@@ -94,5 +100,6 @@ __all__ = [
     "seen_behind",
     "temporal_mean",
     "verify",
+    "with_lights",
     "with_noise",
 ]

@@ -1,5 +1,7 @@
 """Render every sample scene with `defocus render` and measure it against its thin-lens truth.
 
+A scene that has depth as networks estimate it, estimated.png, is rendered with this depth, too.
+
     python sample_scenes/demo.py [--out out] [-- OPTION …]      (options for `defocus render`)
 
 PSNR is that of sRGB-encoded pictures, clipped to [0, 1]. A border as wide as the largest circle of
@@ -46,7 +48,20 @@ def psnr(picture: Array, truth: Array, border: int) -> float:
     return -10 * math.log10(max(error, 1e-10))
 
 
-def command(scene: Path, camera: dict[str, Any], shot: dict[str, Any], out: Path) -> list[str]:
+def depths(scene: Path, camera: dict[str, Any]) -> dict[str, list[str]]:
+    """Depth files of a scene, each with the options that read it, by the name of their rows."""
+    rows = {scene.name: [str(scene / "depth.exr")]}
+    if (scene / "estimated.png").exists():
+        near, far = (f"{metres}m" for metres in camera["estimated_depth_range_m"])
+        kind = ["--depth-kind", "disparity", "--depth-range", near, far]
+        estimated = str(scene / "estimated.png")
+        rows[f"{scene.name}*"] = [estimated, *kind, "--resize-depth", "guided"]
+    return rows
+
+
+def command(
+    scene: Path, depth: list[str], camera: dict[str, Any], shot: dict[str, Any], out: Path
+) -> list[str]:
     """The command line that renders a shot."""
     beside = Path(sys.executable).with_name("defocus")
     program = str(beside) if beside.exists() else shutil.which("defocus") or "defocus"
@@ -58,7 +73,7 @@ def command(scene: Path, camera: dict[str, Any], shot: dict[str, Any], out: Path
         "--outputs": "render,left,right,coc",
     }
     options = [word for pair in settings.items() for word in pair]
-    files = [str(scene / "rgb.exr"), str(scene / "depth.exr"), "-o", str(out)]
+    files = [str(scene / "rgb.exr"), *depth, "-o", str(out)]
     return [program, "render", *files, *options, "--preview", "--overwrite"]
 
 
@@ -86,6 +101,16 @@ def write_png(path: Path, rgb: Array) -> None:
         sys.exit(f"demo: {path}: {image.geterror()}")
 
 
+def line(name: str, scene: Path, shot: dict[str, Any], out: Path, seconds: float) -> str:
+    """A row of the table: PSNR of the input and of each rendered kind."""
+    border = math.ceil(shot["max_coc_radius_px"])
+    truth = {k: read_rgb(scene / f"truth_{shot['name']}{v}.exr") for k, v in KINDS.items()}
+    values = [psnr(read_rgb(scene / "rgb.exr"), truth["render"], border)]
+    values += [psnr(read_rgb(out / k / "rgb.exr"), truth[k], border) for k in KINDS]
+    numbers = "".join(f"{value:9.2f}" for value in (*values, seconds))
+    return f"{name:<9}{shot['name']:<6}{numbers}"
+
+
 def main() -> None:
     """Render, print the table and where to look."""
     parser = argparse.ArgumentParser(description="Render the sample scenes and measure them.")
@@ -98,27 +123,25 @@ def main() -> None:
     rows: dict[str, Array] = {}
     for file in sorted(Path(__file__).parent.glob("*/camera.json")):
         scene, camera = file.parent, json.loads(file.read_text())
-        out = arguments.out / scene.name
-        for shot in camera["shots"]:
-            start = time.perf_counter()
-            words = command(scene, camera, shot, out) + arguments.options
-            done = subprocess.run(words, capture_output=True, text=True)
-            if done.returncode:
-                sys.exit(f"{done.stderr}demo: {scene.name}: this failed: {shlex.join(words)}")
-            seconds = time.perf_counter() - start
-            border = math.ceil(shot["max_coc_radius_px"])
-            truth = {k: read_rgb(scene / f"truth_{shot['name']}{v}.exr") for k, v in KINDS.items()}
-            values = [psnr(read_rgb(scene / "rgb.exr"), truth["render"], border)]
-            values += [psnr(read_rgb(out / k / "rgb.exr"), truth[k], border) for k in KINDS]
-            print(f"{scene.name:<9}{shot['name']:<6}", end="")
-            print("".join(f"{value:9.2f}" for value in (*values, seconds)), flush=True)
-            rows[scene.name] = contact_row(scene, out)
+        for name, depth in depths(scene, camera).items():
+            out = arguments.out / name.replace("*", "_estimated")
+            for shot in camera["shots"]:
+                start = time.perf_counter()
+                words = command(scene, depth, camera, shot, out) + arguments.options
+                done = subprocess.run(words, capture_output=True, text=True)
+                if done.returncode:
+                    failed = f"demo: {name}: this failed: {shlex.join(words)}"
+                    sys.exit(f"{done.stderr}{failed}")
+                seconds = time.perf_counter() - start
+                print(line(name, scene, shot, out, seconds), flush=True)
+                rows[name] = contact_row(scene, out)
     write_png(arguments.out / "contact.png", np.concatenate(list(rows.values()), 0))
     if arguments.before_after:
         pairs = [np.hstack(np.hsplit(rows[name], 5)[:2]) for name in BEFORE_AFTER]
         write_png(arguments.before_after, np.vstack(pairs))
     print(
         "PSNR in dB against the thin-lens truth; `input` is the sharp picture.\n"
+        "* with depth as networks estimate it: soft at edges, half the size, 8 bits.\n"
         f"Look at {arguments.out}/contact.png: input, render, left, right, CoC of each scene;\n"
         f"single pictures are {arguments.out}/<scene>/{{render,left,right,coc}}/rgb.preview.png."
     )

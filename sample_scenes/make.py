@@ -8,6 +8,8 @@ A folder per scene holds
   camera.json            size, sensor, focal length, and the shot: f-number and focus
   truth_<shot>.exr       the same through the thin lens; _left, _right: through half of it
   layer1_*.exr           `layered` only: the next surface behind the first
+  estimated.png          `spheres` only: depth as a network gives it, made from depth.exr; its
+                         range, for --depth-range, stands in camera.json
   stats.json             noise of each picture, from two independent halves of the samples
 
 The field of view stays that of the pinhole, focal_length · width / sensor_width px, at any focus.
@@ -19,9 +21,12 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
+import OpenImageIO
+from estimated import estimated
 from surfaces import Array, Scene
 from tqdm import tqdm
 from tracer import PINHOLE, Camera, Lens, Pair, photograph, sobol, thin_lens, view
@@ -52,6 +57,17 @@ def write_picture(path: Path, rgb: Array) -> None:
 def write_depth(path: Path, depth: Array) -> None:
     """Write planar depth [H, W] in metres as float."""
     write_exr(path, {"Z": rounded(depth, 16).astype(np.float32)})
+
+
+def write_estimated(path: Path, depth: Array) -> list[float]:
+    """Write depth [H, W] as a network estimates it; the depths of 255 and of 0, in metres."""
+    levels, near, far = estimated(depth)
+    height, width = levels.shape
+    image = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(width, height, 1, OpenImageIO.UINT8))
+    image.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(levels[:, :, None]))
+    if not image.write(str(path)):
+        sys.exit(f"make: {path}: {image.geterror()}")
+    return [round(near, 4), round(far, 4)]
 
 
 def exposed(
@@ -108,7 +124,7 @@ def make(name: str, folder: Path, samples: int) -> None:
     write_depth(folder / "depth.exr", depth)
     radius = float(np.abs(lens.signed_radius(depth)).max())
     shot = f"r{radius:.0f}"
-    details = {
+    details: dict[str, Any] = {
         "width": camera.width,
         "height": camera.height,
         "sensor_width_mm": camera.sensor_width,
@@ -125,6 +141,8 @@ def make(name: str, folder: Path, samples: int) -> None:
             }
         ],
     }
+    if world.estimated:
+        details["estimated_depth_range_m"] = write_estimated(folder / "estimated.png", depth)
     (folder / "camera.json").write_text(json.dumps(details, indent=1) + "\n")
 
     pinhole, noise = exposed(world, PINHOLE, PINHOLE_SAMPLES, 2 * LIGHT_SAMPLES)

@@ -40,13 +40,17 @@ from tracer import Camera
 
 @dataclass(frozen=True)
 class World:
-    """A scene, its camera, focus in metres and f-number; `layers` asks for the second surface."""
+    """A scene, its camera, focus in metres and f-number.
+
+    `layers` asks for the second surface, `estimated` for depth as a network gives it.
+    """
 
     scene: Scene
     camera: Camera
     focus: float
     fnum: float
     layers: bool = False
+    estimated: bool = False
 
 
 def turned(degrees: float) -> tuple[Vector, Vector]:
@@ -248,7 +252,7 @@ def spheres() -> World:
         up = height - radius
         centre = (x, up * c - away * s, up * s + away * c)
         surfaces.append(Sphere(centre, radius, art))
-    return World(Scene(surfaces), Camera(foclen=75.0, sensor_width=54.0), 1.6, 1.2)
+    return World(Scene(surfaces), Camera(foclen=75.0, sensor_width=54.0), 1.6, 1.2, estimated=True)
 
 
 def lights() -> World:

@@ -33,7 +33,7 @@ CORE_ORDER = (
 )
 CLI_ORDER = (
     *("__main__", "main", "pytest_plugin", "commands", "options", "html", "bench", "reports"),
-    *("golden", "batch", "dataset", "journal", "rendering", "compare", "diagnosis"),
+    *("golden", "batch", "dataset", "journal", "rendering", "elements", "compare", "diagnosis"),
     *("jobs", "shots", "depth_formats", "formats", "exr", "system", "__init__"),
 )
 MOST_LINES, MOST_MODULES, MOST_TESTS = 300, 15, 40

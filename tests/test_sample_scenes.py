@@ -7,8 +7,10 @@ from pathlib import Path
 import demo
 import numpy as np
 import OpenEXR
+import OpenImageIO
 import pytest
 import torch
+from estimated import estimated
 from make import rounded, second_layer
 from reference import forward_splat, lens_points, one_plane
 from surfaces import Array, Light, Plane, Scene, Sphere, Surface
@@ -217,6 +219,43 @@ def test_committed_second_layer_is_deeper_than_the_first() -> None:
     assert np.all(second[hidden] > first[hidden])
     assert np.all(demo.read_rgb(ROOT / "layered" / "layer1_rgb.exr")[~hidden] == 0)
     assert np.all(hidden == (first < first.max()))  # behind the wall there is nothing
+
+
+def test_committed_estimated_depth_is_that_of_the_scene() -> None:
+    found = {path.parent.name for path in ROOT.glob("*/estimated.png")}
+    assert found == {name for name, world in WORLDS.items() if world().estimated} == {"spheres"}
+    world = WORLDS["spheres"]()
+    levels, near, far = estimated(view(world.scene, world.camera, PINHOLE).depth)
+    image = OpenImageIO.ImageBuf(str(ROOT / "spheres" / "estimated.png"))
+    committed = image.get_pixels(OpenImageIO.UINT8)[..., 0]
+    assert committed.shape == (135, 240)
+    assert np.abs(committed.astype(int) - levels).max() <= 1
+    details = json.loads((ROOT / "spheres" / "camera.json").read_text())
+    assert details["estimated_depth_range_m"] == pytest.approx([near, far], abs=1e-3)
+
+
+def test_estimated_depth_is_soft_small_and_of_few_levels() -> None:
+    depth = np.full((40, 60), 8.0)
+    depth[:, :30] = 2.0
+    depth[:10] = math.inf
+    levels, near, far = estimated(depth)
+    assert (levels.shape, levels.dtype, far) == ((20, 30), np.uint8, math.inf)
+    assert near == pytest.approx(2)
+    assert (levels[12, 0], levels[0, 0], levels[12, -1]) == (255, 0, 64)
+    between = np.flatnonzero((levels[15] > 66) & (levels[15] < 253))
+    assert 4 <= len(between) <= 6
+    assert np.all(np.diff(levels[15].astype(int)) <= 0)
+
+
+def test_the_demo_renders_a_scene_with_both_depths() -> None:
+    camera = json.loads((ROOT / "spheres" / "camera.json").read_text())
+    rows = demo.depths(ROOT / "spheres", camera)
+    assert list(rows) == ["spheres", "spheres*"]
+    assert rows["spheres*"][1:] == [
+        *("--depth-kind", "disparity", "--depth-range", "0.9433m", "5.0544m"),
+        *("--resize-depth", "guided"),
+    ]
+    assert list(demo.depths(ROOT / "floor", camera)) == ["floor"]
 
 
 def test_committed_files_stay_small() -> None:

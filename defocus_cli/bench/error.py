@@ -42,9 +42,15 @@ class Row:
 
 
 def measure_shot(
-    shot: Shot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
+    shot: Shot,
+    pictures: Pictures,
+    methods: Sequence[str],
+    *,
+    device: str,
+    threads: int,
+    show: Callable[[Shot, Pictures, str, Tensor], None] | None = None,
 ) -> Iterator[Row]:
-    """One row for each method, when it is done.
+    """One row for each method, when it is done; ``show`` is given each picture, [3, H, W].
 
     Raises:
         InputError: the picture does not fit into the memory of the GPU.
@@ -59,8 +65,11 @@ def measure_shot(
         for method in methods:
             work = _work(method, shot, sharp, radius, threads)
             picture, cost = measured(work, unit, repeats=1)
+            picture = picture.cpu()
+            if show is not None:
+                show(shot, pictures, method, picture)
             errors = metrics.measure(
-                picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
+                picture, pictures.truth, pictures.signed_radius, border=shot.border
             )
             yield Row(shot.scene, shot.name, method, errors, cost)
     except torch.OutOfMemoryError:

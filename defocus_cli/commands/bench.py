@@ -14,16 +14,17 @@ from defocus_cli.bench.baseline import read_baseline, slower
 from defocus_cli.bench.error import BASELINES, Row, measure_shot
 from defocus_cli.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_cli.bench.truth_set import find_shots, read, sample_set
+from defocus_cli.html.shots import Gallery
 from defocus_cli.jobs.job import DEVICES, QUALITIES
 from defocus_cli.jobs.quantities import pixel_count
-from defocus_cli.options import shared
+from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
 from defocus_cli.system import console
 from defocus_cli.system.errors import UsageProblem
 
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
-_ERRORS_ALONE = {"truth": "--truth", "plot_file": "--plot"}
+_ERRORS_ALONE = {"truth": "--truth", "plot_file": "--plot", "html": "--html"}
 _TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii", "baseline": "--baseline"}
 _LONGEST = 1 << 15  # px on a side
 
@@ -65,6 +66,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
     metavar="FILE.png",
     help="Draw run time against PSNR; needs matplotlib: pip install 'defocus[bench]'.",
 )
+@comparing.html_option("Write a report to look at in a browser: each picture beside the truth.")
 @click.option(
     "--threads",
     type=click.IntRange(min=1),
@@ -102,6 +104,7 @@ def command(
     truth: Path | None,
     qualities: tuple[str, ...],
     plot_file: Path | None,
+    html: Path | None,
     threads: int | None,
     device: str,
     as_json: bool,
@@ -131,6 +134,7 @@ def command(
       defocus bench
       defocus bench --truth ../truth --quality standard
       defocus bench --plot bench.png
+      defocus bench --html bench.html
       defocus bench --time --json > before.json
       defocus bench --time --baseline before.json
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
@@ -144,9 +148,12 @@ def command(
     else:
         if plot_file is not None:
             error_plot.refuse_unplottable(plot_file)
+        gallery, truth = Gallery() if html else None, truth or sample_set()
         rows, document = _errors(
-            truth or sample_set(), qualities or _QUALITIES, device, threads or shared.cores(), echo
+            truth, qualities or _QUALITIES, device, threads or shared.cores(), gallery, echo
         )
+        if gallery is not None and html is not None:
+            gallery.write(html, truth, rows)
         if plot_file is not None:
             error_plot.draw(plot_file, rows)
     if as_json:
@@ -168,15 +175,22 @@ def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
 
 
 def _errors(
-    truth: Path, qualities: Sequence[str], device: str, threads: int, echo: Callable[[str], None]
+    truth: Path,
+    qualities: Sequence[str],
+    device: str,
+    threads: int,
+    gallery: Gallery | None,
+    echo: Callable[[str], None],
 ) -> tuple[list[Row], dict[str, Any]]:
     """Measure all shots of a set, by each baseline and each quality: rows, and the document."""
     shots, methods = find_shots(truth), (*BASELINES, *qualities)
     device = warm_up(device)
     echo(tables.error_heading())
+    show = None if gallery is None else gallery.add
+    measured = partial(measure_shot, device=device, threads=threads, show=show)
     rows: list[Row] = []
     for shot in shots:
-        for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
+        for row in measured(shot, read(shot), methods):
             rows.append(row)
             echo(tables.error_line(row, worse=bool(tables.losses(row, rows))))
     for line in tables.summary_lines(rows):

@@ -65,6 +65,7 @@ Examples:
 @shot_options
 @shared.output_options
 @shared.hidden_option
+@shared.over_options
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -83,6 +84,7 @@ def command(
     shot: ShotOptions,
     outputs: Outputs,
     hidden: tuple[Path, Path] | None,
+    over: tuple[Path, Path | None] | None,
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -92,12 +94,14 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = find_pictures(color, depth, hidden, frames=shot.choice(lenses.animation))
+    given = {"hidden": hidden, "over": over}
+    others = {role: paths for role, paths in given.items() if paths is not None}
+    pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _taken(pictures, lenses, verbose=verbose)
     ]
-    every = whole_shot(color, depth, hidden)
+    every = whole_shot(color, depth, others)
     moving = "focus-at" in lenses.animation.keys
     jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     execution = functools.partial(Execution, read_inputs=check_inputs == "hash")

@@ -21,6 +21,7 @@ from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     import numpy as np
@@ -159,6 +160,35 @@ def read_depth(
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
+def decoded_alike(
+    planes: Sequence[Any],
+    reading: DepthReading,
+    like: Depth,
+    *,
+    keeping: Keeping,
+    size: tuple[int, int],
+    lens_focal: float | None,
+) -> list[Any]:
+    """Metres of further numbers of a depth file, which are read as those of a depth map of it.
+
+    Args:
+        planes: numbers [H, W] of the same channel; overwritten if they are float32.
+        reading: what the user says of the file.
+        like: the depth map.
+        keeping: where metres are kept.
+        size: width and height of the colour as it is shown.
+        lens_focal: as in `read_depth`.
+    """
+    metres = []
+    for plane in planes:
+        samples = Samples(plane, "EXR", "", channel=like.channel)
+        decoding = resolved(
+            like.path, reading, samples, picture_width=size[0], lens_focal=lens_focal
+        )
+        metres.append(_decode(samples, decoding, keeping, like.overscan)[0])
+    return metres
+
+
 def require_valid(depth: Depth) -> None:
     """Refuse a depth map with holes.
 
@@ -182,34 +212,6 @@ def require_valid(depth: Depth) -> None:
             "or --invalid far, or fill"
         )
     raise InputError(depth.path, problem, remedy)
-
-
-def resized(depth: Depth, size: tuple[int, int], keeping: Keeping) -> Depth:
-    """The depth at another size (width, height), each pixel that of the nearest pixel centre.
-
-    Any mean of depths is a surface that is not there.
-
-    Raises:
-        InputError: the two sizes differ in their aspect by more than a pixel, or the file holds
-            radii, which are px of its own size.
-    """
-    import numpy as np
-
-    (width, height), (rows, columns) = size, depth.metres.shape
-    if depth.is_radius:
-        problem = f"holds radii in px of a picture of {columns}x{rows} px"
-        raise InputError(depth.path, problem, "give radii of the size of the colour")
-    if abs(width * rows - height * columns) > max(width, height, rows, columns):
-        problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        raise InputError(depth.path, problem, "cut depth and colour to one aspect")
-    metres = keeping.new((height, width), np.float32)
-    across = ((np.arange(width) + 0.5) * columns / width).astype(int)
-    down = ((np.arange(height) + 0.5) * rows / height).astype(int)
-    for band in bands((height, width)):
-        first, last = int(down[band][0]), int(down[band][-1])
-        metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
-    note = f"{depth.note}, {columns}x{rows} px resized by nearest"
-    return replace(depth, metres=metres, note=note)
 
 
 def _strided(samples: Samples, step: int) -> Samples:

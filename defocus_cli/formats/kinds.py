@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.system.errors import UsageProblem
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -33,6 +35,7 @@ class Kind:
             blue above 0. None of a kind that is rendered: it is the
             attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
         views: of an image of several, the kinds that are the views of its one EXR file.
+        of_picture: whether it is an image made of the colours and the radii, without rendering.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
     """
@@ -43,13 +46,14 @@ class Kind:
     halves: bool = False
     of_radius: Callable[[NDArray[Any], float], NDArray[Any]] | None = None
     views: tuple[str, ...] = ()
+    of_picture: bool = False
     title: str = ""
     unit: str = ""
 
     @property
     def rendered(self) -> bool:
         """Whether it needs the rendered views; else the signed radii are enough."""
-        return self.of_radius is None
+        return self.of_radius is None and not self.of_picture
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
         """Bytes that a pixel takes in memory before it is written.
@@ -102,6 +106,12 @@ _ROWS = (
         halves=True,
         views=("left", "right"),
     ),
+    Kind(
+        "focus",
+        "the picture in false colour, sharp green, nearer orange, beyond blue",
+        image=True,
+        of_picture=True,
+    ),
 )
 KINDS = {kind.name: kind for kind in _ROWS}
 MAPS = tuple(kind.name for kind in _ROWS if not kind.image)
@@ -111,3 +121,20 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 # Types of image files, and the suffix of each.
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
+
+
+def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The kinds of output with left and right in one file.
+
+    Args:
+        kinds: as they were asked for.
+        where: option or key that asks for one file, for errors.
+
+    Raises:
+        UsageProblem: left or right is not among them.
+    """
+    row = KINDS["multiview"]
+    if missing := [view for view in row.views if view not in kinds]:
+        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
+        raise UsageProblem(where, problem, "name both, like left,right")
+    return (*(kind for kind in kinds if kind not in row.views), row.name)

@@ -10,15 +10,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from defocus_cli.html.item import Item, Layer
-from defocus_cli.html.layers import DIFFERENCE, A, B
+from defocus_cli.html.layers import DIFFERENCE
 
 ROOM = 36_000_000  # characters of payloads; the file is to have less than 40 MB
 _FOR_THUMBNAILS = ROOM // 2
+_THUMBNAILS = 30_000  # characters of the thumbnails of an item
 
 
 def length(data: bytes) -> int:
     """Characters of base64."""
     return -(-len(data) // 3) * 4
+
+
+def values_room(items: int) -> int:
+    """The room that so many items leave for values, as a guess before they are drawn."""
+    return ROOM - min(_FOR_THUMBNAILS, items * _THUMBNAILS)
 
 
 def _thumbnails(item: Item, *, first: bool) -> int:
@@ -74,7 +80,7 @@ def _rest(item: Item) -> int:
 
 
 def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Layer]:
-    """The layers that have something to show; A may look like B.
+    """The layers that have something to show.
 
     Args:
         item: the item.
@@ -87,9 +93,4 @@ def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Lay
         stays = first if _is_first(item, layer) else others
         thumbnail = layer.thumbnail if stays else b""
         layers.append(replace(layer, thumbnail=thumbnail, halves=layer.halves if values else None))
-    has_b = any(layer.key == B and layer.thumbnail for layer in layers)
-    return [
-        layer
-        for layer in layers
-        if layer.thumbnail or layer.halves or (layer.key == A and has_b and item.passes)
-    ]
+    return [layer for layer in layers if layer.thumbnail or layer.halves]

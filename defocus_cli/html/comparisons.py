@@ -14,7 +14,7 @@ from pathlib import Path
 from defocus_cli.compare.metrics import METRICS
 from defocus_cli.compare.record import DIFFERENT, STATUSES, WARNING, Comparison, Settings
 from defocus_cli.compare.thresholds import OVER, Rules
-from defocus_cli.html.budget import ROOM
+from defocus_cli.html.budget import values_room
 from defocus_cli.html.item import Column, Item, Report
 from defocus_cli.html.page import write_report
 from defocus_cli.html.pair_drawing import Drawing, Subject, draw_pair
@@ -25,7 +25,7 @@ from defocus_cli.system.spreading import spread
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
-_PACKED = 1.5  # bytes of base64 that a half takes at least
+_PACKED = 1.0  # halves that a character holds at most, where B is like A
 _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 
 
@@ -82,9 +82,9 @@ def rank(record: Comparison) -> tuple[int, int, float]:
     return order[record.status], -int(apart), -error if math.isfinite(error) else -math.inf
 
 
-def _subjects(ranked: Iterable[Comparison], coc: Path | None) -> Iterable[Subject]:
+def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subject]:
     """The pairs; values are wanted of those that do not pass, while there may be room for them."""
-    room = float(ROOM)
+    room = float(values_room(len(ranked)))
     for record in ranked:
         pixels = math.prod(record.size or (0, 0))
         wanted = room > 0 and (not record.passes or record.status == WARNING)

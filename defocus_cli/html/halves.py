@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _LARGEST = 65504.0  # of half
-_LEVEL = 6  # of zlib
+_LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
 _INTEGERS = {"uint8": 1 / 255}  # steps of integers that half holds exactly
+_ROUNDING = 1e-3  # of a step, of single precision
 _STEPS = frozenset(_INTEGERS.values())
 
 
@@ -33,10 +34,17 @@ def common_scale(planes: Sequence[NDArray[Any]], kind: str) -> float:
         planes: of the layers that are to be compared.
         kind: number type of their file.
     """
-    if kind in _INTEGERS:
-        return _INTEGERS[kind]
+    step = _INTEGERS.get(kind)
+    if step is not None and all(_is_whole(plane / step) for plane in planes):
+        return step
     most = _largest(planes)
     return 2.0 ** math.ceil(math.log2(most / _LARGEST)) if most > _LARGEST else 1.0
+
+
+def _is_whole(plane: NDArray[Any]) -> bool:
+    import numpy as np
+
+    return bool((np.abs(plane - np.rint(plane)) < _ROUNDING).all())
 
 
 def unit_scale(planes: Sequence[NDArray[Any]]) -> float:

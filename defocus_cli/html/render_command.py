@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.html.shell import command_line
-from defocus_cli.jobs.job import Machine
+from defocus_cli.jobs.job import EFFECTS, Machine
 from defocus_cli.journal.journal import Record
-from defocus_cli.journal.revived_jobs import revived
+from defocus_cli.journal.revived_jobs import input_place, revived
 from defocus_cli.system.errors import InputError
 
 OUT = "again"  # where the command writes
-# Option and unit of each number of a lens; other keys of its record say how it was chosen.
+# Option and unit of each number of a lens; of other keys of its record, effects are options, too,
+# and the rest says how the lens was chosen.
 _LENS = {
     "focal_length_mm": ("--focal-length", "mm"),
     "fnumber": ("--fnumber", ""),
@@ -22,6 +23,7 @@ _LENS = {
     "blades": ("--blades", ""),
     "blade_rotation_deg": ("--blade-rotation", "deg"),
 }
+_EFFECTS = frozenset(EFFECTS)
 _CHOICE = frozenset({"focus_at_px", "focus_percentile", "max_coc_px", "draw"})
 _DEFAULTS = {"blades": 0, "blade_rotation_deg": 0.0, "sensor_width_mm": 36.0}
 _MILLIMETRES = frozenset({"baseline", "depth_range"})
@@ -39,14 +41,17 @@ def render_command(record: Record, out: Path) -> str:
         picture = revived(record, out).picture
     except InputError:
         return ""
-    lens = _lens_words(record["lens"])
+    files = {"aperture_image": record["inputs"].get("aperture_image", {}).get("path")}
+    exact = {"sharp_range": record["settings"]["lens"].get("sharp_range")}
+    exact |= {role: path and input_place(path, out) for role, path in files.items()}
+    lens = _lens_words({**record["lens"], **{k: v for k, v in exact.items() if v is not None}})
     if lens is None:
         return ""
     words: list[object] = ["defocus", "render", picture.color]
     words += [] if picture.depth == picture.color else [picture.depth]
     words += ["-o", OUT, *lens]
-    if picture.hidden is not None:
-        words += ["--hidden", picture.hidden.color, picture.hidden.depth]
+    for role, other in picture.others.items():
+        words += [f"--{role}", other.color, other.depth]
     settings = record["settings"]
     words += _option_words(settings["reading"]) + _option_words(settings["outputs"])
     machine = {key: settings[key] for key in _MACHINE if key in settings}
@@ -57,15 +62,23 @@ def render_command(record: Record, out: Path) -> str:
 
 def _lens_words(lens: Mapping[str, Any]) -> list[object] | None:
     """The options of a lens; None if it has a number that is no option."""
-    if lens.keys() - _LENS.keys() - _CHOICE:
+    if lens.keys() - _LENS.keys() - _CHOICE - _EFFECTS:
         return None
     words: list[object] = []
-    for key, (option, unit) in _LENS.items():
-        value = lens[key]
-        if value is None or value == _DEFAULTS.get(key):
+    for key, value in lens.items():
+        if value is None or key in _CHOICE or value == _DEFAULTS.get(key):
             continue
-        words += [option, value if value == "inf" else f"{value!r}{unit}"]
+        option, unit = _LENS.get(key, (f"--{key.replace('_', '-')}", ""))
+        if key == "sharp_range":
+            words += [option, "..".join(_number(end, "mm") for end in value)]
+        else:
+            words += [option, value if isinstance(value, Path) else _number(value, unit)]
     return words
+
+
+def _number(value: object, unit: str) -> str:
+    """A number of a record, exactly, with its unit; infinity has none."""
+    return "inf" if value == "inf" else str(value).removesuffix(".0") + unit
 
 
 def _option_words(values: Mapping[str, Any]) -> list[object]:
@@ -79,8 +92,8 @@ def _option_words(values: Mapping[str, Any]) -> list[object]:
             words += ["--outputs", ",".join(value)]
         elif value is True:
             words.append(option)
-        elif isinstance(value, list):
-            words += [option, *(f"{each}{unit if each != 'inf' else ''}" for each in value)]
+        elif field == "depth_range":
+            words += [option, *(_number(each, unit) for each in value)]
         else:
-            words += [option, f"{value}{unit}"]
+            words += [option, ",".join(value) if isinstance(value, list) else f"{value}{unit}"]
     return words

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SIDE = 320  # px of the longer side
-_QUALITY = 82  # of a JPEG
+_QUALITY = 75  # of a JPEG
 # Colours of a difference from 0 to full, in sRGB: of even steps in lightness.
 HEATS = (
     *((0.00, 0.00, 0.02), (0.26, 0.04, 0.41), (0.58, 0.15, 0.40), (0.87, 0.32, 0.23)),

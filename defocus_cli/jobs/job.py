@@ -16,12 +16,12 @@ from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.sidecars import files_beside
 from defocus_cli.formats.kinds import KINDS, PREVIEW, Kind
 from defocus_cli.jobs.quantities import Percentile, length_text
-from defocus_cli.system.errors import UsageProblem
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
-FRAME_ROLE = "frame"  # of other frames among the inputs
 DUAL_PIXEL_MODELS = ("split", "smooth")
+FRAME_ROLE = "frame"  # of other frames among the inputs
+OTHERS = ("hidden", "over")  # pictures that belong to another one
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -29,22 +29,34 @@ TILES = (16, 1 << 14)  # px; of defocus_core, too
 class Picture:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both.
 
-    `hidden` is a picture of what lies behind the visible surface, where that is known; `frame` its
-    number in a shot.
+    Attributes:
+        stem: its name.
+        color: its colour file.
+        depth: its depth file; of a plate that has none its colour file.
+        hidden: a picture of what lies behind the visible surface, where that is known.
+        over: the plate that it lies over, if it is an element.
+        frame: its number in a shot.
     """
 
     stem: str
     color: Path
     depth: Path
     hidden: Picture | None = None
+    over: Picture | None = None
     frame: int | None = None
 
     @property
+    def others(self) -> dict[str, Picture]:
+        """The pictures of the same scene that belong to it, by role: hidden, over."""
+        found = {role: getattr(self, role) for role in OTHERS}
+        return {role: picture for role, picture in found.items() if picture is not None}
+
+    @property
     def files(self) -> dict[str, Path]:
-        """Its files by role: color, depth; hidden_color, hidden_depth if it has any."""
+        """Its files by role: color, depth; hidden_color, hidden_depth, over_color, … if any."""
         files = {"color": self.color, "depth": self.depth}
-        if self.hidden is not None:
-            files |= {"hidden_color": self.hidden.color, "hidden_depth": self.hidden.depth}
+        for role, other in self.others.items():
+            files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
         return files
 
 
@@ -91,6 +103,7 @@ class Lens:
     spherical: float = 0.0
     squeeze: float = 1.0
     aperture_image: Path | None = None
+    highlights: tuple[float, float] | None = None  # threshold in linear light, and gain
     dp_model: str = "split"
     dp_crosstalk: float = 0.0
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
@@ -108,6 +121,8 @@ class Lens:
             effects["aperture_image"] = self.aperture_image.name
         if self.sharp_range is not None:
             effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.highlights is not None:
+            effects["highlights"] = "{:g}:{:g}".format(*self.highlights)
         if self.noise is not None:
             effects["noise"] = "{:g}:{:g}".format(*self.noise)
         return effects
@@ -125,7 +140,7 @@ EFFECTS = {
     if field.name
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed"),
+        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed", "highlights"),
     )
 }
 
@@ -175,23 +190,6 @@ class Outputs:
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
-
-
-def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
-    """The kinds of output with left and right in one file.
-
-    Args:
-        kinds: as they were asked for.
-        where: option or key that asks for one file, for errors.
-
-    Raises:
-        UsageProblem: left or right is not among them.
-    """
-    row = KINDS["multiview"]
-    if missing := [view for view in row.views if view not in kinds]:
-        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
-        raise UsageProblem(where, problem, "name both, like left,right")
-    return (*(kind for kind in kinds if kind not in row.views), row.name)
 
 
 @dataclass(frozen=True)
@@ -265,7 +263,7 @@ class Job:
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its inputs by role: those of the picture, those beside its depth, those of its shot."""
+        """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
         files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
         if self.lens.aperture_image is not None and self.outputs.need_rendering:
             files["aperture_image"] = self.lens.aperture_image

@@ -26,9 +26,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
+from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES, in_one_file
 from defocus_cli.jobs.inputs import read_inputs, read_whole_shot
-from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading, in_one_file
+from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading
 from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
 from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (

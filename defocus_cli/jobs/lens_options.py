@@ -43,6 +43,7 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "spherical": (quantities.within(-1, 1, "a spherical aberration", "like 0.5"), "ring"),
     "squeeze": (quantities.within(1, 4, "a squeeze", "like 2"), "squeeze"),
     "aperture-image": (quantities.file, "pupil"),
+    "highlights": (quantities.highlights, "lights"),
     "dp-model": (quantities.one_of(DUAL_PIXEL_MODELS, "a model of dual pixels"), "dp"),
     "dp-crosstalk": (quantities.within(0, 0.49, "a share of the light", "like 0.15"), "crosstalk"),
     "noise": (quantities.noise, "noise"),
@@ -92,6 +93,8 @@ def tag(name: str, value: Any) -> str:
     """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
     if isinstance(value, Path):
         text = value.stem
+    elif value is None:
+        text = "off"
     elif isinstance(value, str):
         text = value
     elif isinstance(value, quantities.Percentile):

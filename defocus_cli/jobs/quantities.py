@@ -24,6 +24,7 @@ _BYTES = {
     **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
 }
 _MOST_ELECTRONS = 1e9
+AUTO_LIGHTS = (0.93, 16.0)  # threshold and gain; of defocus_core, too
 MOST_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
@@ -161,6 +162,20 @@ def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
         return word
 
     return parse
+
+
+def highlights(text: str) -> tuple[float, float] | None:
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
+    if (word := text.strip().lower()) in ("auto", "off"):
+        return AUTO_LIGHTS if word == "auto" else None
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is no THRESHOLD:GAIN", "write auto, or like 0.93:16")
+    example = "like 0.93:16"
+    return (
+        within(0, 0.999, "a threshold in linear light", example)(words[0]),
+        within(1, 1000, "a gain", example)(words[1]),
+    )
 
 
 def noise(text: str) -> tuple[float, float]:

@@ -28,7 +28,7 @@ KEYS = ("n", "seed", "max-coc", *PARSERS)
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 _NOT_RANGED = (
     *("blades", "focus-at", "aperture-image", "sharp-range"),
-    *("dp-model", "noise", "noise-seed"),
+    *("dp-model", "noise", "noise-seed", "highlights"),
 )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from defocus_cli.jobs.job import (
     FRAME_ROLE,
+    OTHERS,
     Job,
     Lens,
     Machine,
@@ -73,10 +74,18 @@ def revived(record: Record, out: Path) -> Job:
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
     """The picture whose files have roles with a prefix."""
-    color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
-    has_hidden = not prefix and "hidden_color" in inputs
-    hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
-    return Picture(stem, color, depth, hidden)
+    color, depth = (input_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
+    others: dict[str, Any] = {
+        role: _picture(stem, inputs, out, f"{role}_")
+        for role in OTHERS
+        if not prefix and f"{role}_color" in inputs
+    }
+    return Picture(stem, color, depth, **others)
+
+
+def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The repair of depth as earlier versions recorded it, beside the reading."""
+    return {name: asked[name] for name in ("depth_repair",) if name in asked}
 
 
 def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Shot:
@@ -93,12 +102,7 @@ def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Sho
     return Shot(taken(asked["sample"]), window, taken(asked["focus"]), asked.get("motion"))
 
 
-def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """The repair of depth as earlier versions recorded it, beside the reading."""
-    return {name: asked[name] for name in ("depth_repair",) if name in asked}
-
-
-def _place(recorded: str, out: Path) -> Path:
+def input_place(recorded: str, out: Path) -> Path:
     """A path of the journal, relative to the working directory."""
     if Path(recorded).is_absolute():
         return Path(recorded)

@@ -63,6 +63,12 @@ _LENS_HELP = {
         "Picture of the opening instead of blades, grey, PNG, EXR or NPY: bright is open, as a "
         "point beyond the focus shows it.",
     ),
+    "highlights": (
+        "auto|T:GAIN",
+        "Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like 16, "
+        "from a threshold in linear light, like 0.93, up to white. Pictures with light above 1 "
+        "stay as they are.  [default: off]",
+    ),
     "dp-model": (
         "MODEL",
         "Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, less and "

@@ -8,18 +8,18 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import KINDS, MAPS
+from defocus_cli.formats.kinds import KINDS, MAPS, in_one_file
 from defocus_cli.jobs.job import (
     DEVICES,
     QUALITIES,
     TILES,
     Machine,
     Outputs,
-    in_one_file,
 )
 from defocus_cli.jobs.quantities import byte_count, pixel_count
 from defocus_cli.options.types import (
@@ -54,6 +54,25 @@ def hidden_option(command: Command) -> Command:
         help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
         "unknown, and invented; inf with colour is sky.",
     )(command)
+
+
+def over_options(command: Command) -> Command:
+    """Hand a command ``over``: colour of a plate, and its depth or None; or None."""
+
+    def make(over: Path | None, over_depth: Path | None) -> tuple[Path, Path | None] | None:
+        if over is None and over_depth is not None:
+            raise UsageProblem("--over-depth", "stands without --over", "give the plate")
+        return None if over is None else (over, over_depth)
+
+    option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
+    plate = option(
+        "--over",
+        metavar="PLATE [DEPTH]",
+        help="Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
+        "the EXR's own, or else infinitely far.",
+    )
+    depth = option("--over-depth", metavar="DEPTH", help="Depth of the plate.")
+    return bundle("over", make, [plate, depth])(command)
 
 
 def output_options(command: Command) -> Command:

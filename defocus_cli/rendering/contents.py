@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_cli.exr.views import name_in_view
@@ -36,6 +37,8 @@ class Contents(NamedTuple):
 def contents_of(rendering: Rendering, kind: Kind) -> Contents:
     """The contents of the file of a kind, without overscan unless that is kept."""
     color = rendering.color
+    if kind.of_picture:
+        return _focus(rendering)
     names: tuple[str, ...] = (kind.name,)
     extras: dict[str, Any] = {}
     if kind.of_radius:
@@ -58,6 +61,18 @@ def contents_of(rendering: Rendering, kind: Kind) -> Contents:
         planes = tuple(_Shown(plane, window) for plane in planes)
         extras = {name: _Shown(plane, window) for name, plane in extras.items()}
     return Contents(names, planes, extras, Layout(color.corner, None, kind.views))
+
+
+def _focus(rendering: Rendering) -> Contents:
+    """The picture shown in false colour."""
+    from defocus_cli.rendering.focus_picture import focus_planes
+
+    color, radius = rendering.color, rendering.radius
+    if any(color.overscan):
+        window = color.overscan.shown(*color.shape[:2])
+        planes = tuple(_Shown(plane, window) for plane in color.planes)
+        color, radius = replace(color, planes=planes), _Shown(radius, window)
+    return Contents(("R", "G", "B"), focus_planes(color, radius), {}, Layout(color.corner))
 
 
 def _image(

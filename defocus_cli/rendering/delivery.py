@@ -75,13 +75,17 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
     """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
-    job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
+    job, lens = outcome.job, outcome.lens
+    others = {
+        role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
+    }
     values = {
         "version": version(),
         "kind": kind.name,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,
-        "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
+        "hidden": others.pop("hidden", ""),
+        **others,
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
         **_repair(outcome, kind),

@@ -6,12 +6,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.overscan import overscan_of
+from defocus_cli.elements.planes import Either
+from defocus_cli.elements.plate import check_over, read_plate
+from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
+from defocus_cli.rendering.deep_picture import deep_header, read_deep
 from defocus_cli.rendering.focusing import quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
-from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
+from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
-from defocus_cli.rendering.overscan import overscan_of
 from defocus_cli.rendering.render_picture import rendered
 from defocus_cli.rendering.shot_decisions import decided_words, shot_focused, shot_repair
 from defocus_cli.rendering.shot_frames import with_neighbours
@@ -23,6 +27,7 @@ from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
+    from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
 
 
@@ -40,8 +45,15 @@ def load_inputs(job: Job) -> Loaded:
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
+    if picture.over is not None:
+        return _over(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
-    if picture.hidden is None or not job.outputs.need_rendering:
+    if not job.outputs.need_rendering:
+        return Loaded(held, color, depth)
+    header = deep_header(picture, job.reading, parts_of(picture, job.reading)[0])
+    if header is not None:
+        return _with_layers(job, header, Loaded(held, color, depth))
+    if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
     if behind.shape != color.shape:
@@ -52,6 +64,49 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"is {size} but the picture is {wanted}"
         raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
     return Loaded(held, color, depth, (behind, behind_depth))
+
+
+def _over(job: Job, held: Holding) -> Loaded:
+    """An element and the plate that it lies over, decoded.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: a hidden layer is given, too.
+    """
+    picture = job.picture
+    assert picture.over is not None
+    if picture.hidden is not None:
+        raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
+    plate_overscan = overscan_of(picture.over, replace(job.reading, color_layer=None))
+
+    def read_one(one: Picture, reading: Reading) -> tuple[Color, Depth]:
+        return read(one, reading, held.keeping, job.lens_focal, plate_overscan)
+
+    color, depth = read_one(picture, job.reading)
+    most = color.overscan
+    plate = read_plate(
+        picture.over,
+        job.reading,
+        lambda one, reading: read(one, reading, held.keeping, job.lens_focal, most),
+        held.keeping,
+        most,
+    )
+    return Loaded(held, color, depth, plate=check_over(color, plate))
+
+
+def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
+    """A deep picture with its samples.
+
+    Raises:
+        InputError: they cannot be used, or something else is to be behind them.
+    """
+    if job.picture.hidden is not None:
+        problem = "is deep, and knows itself what is hidden"
+        raise InputError(job.picture.color, problem, "leave --hidden out")
+    keeping, like = loaded.holding.keeping, (loaded.color, loaded.depth)
+    layers = read_deep(job.picture, header, job.reading, like, keeping, job.lens_focal)
+    note = f"{loaded.color.note}, {layers.words}"
+    return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 
 
 def compute(
@@ -87,6 +142,11 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
     if job.outputs.need_rendering:
         decided = shot_repair(job, lens, loaded.depth, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
+    likely = implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale)
+    if loaded.plate is not None:
+        behind, behind_ends = radius_map(lens, loaded.plate.depth, loaded.holding.keeping)
+        radius = Either(radius, loaded.depth.nothing, behind)
+        ends = (min(ends[0], behind_ends[0]), max(ends[1], behind_ends[1]))
     outcome = Outcome(
         job=job,
         lens=lens,
@@ -97,7 +157,7 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
         warnings=(
-            *implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale),
+            *likely,
             *_warnings(loaded),
         ),
         decided=decided,
@@ -115,7 +175,8 @@ def _warnings(loaded: Loaded) -> tuple[str, ...]:
     """Warnings about what the files hold and the renderer ignores."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
     hidden_warnings = (f"hidden: {warning}" for warning in behind)
-    return *loaded.color.warnings, *loaded.depth.warnings, *hidden_warnings
+    plate = () if loaded.plate is None else loaded.plate.warnings
+    return *loaded.color.warnings, *loaded.depth.warnings, *hidden_warnings, *plate
 
 
 def load() -> None:
@@ -170,6 +231,7 @@ def read(
     reading: Reading,
     keeping: Keeping = IN_MEMORY,
     lens_focal: float | None = None,
+    most: Overscan | None = None,
 ) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid.
 
@@ -178,19 +240,22 @@ def read(
         reading: options that say how to read them.
         keeping: whether they go to memory or to scratch files.
         lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
+        most: the most pixels beyond the picture shown that are read; None for no limit.
 
     Raises:
         InputError: a file cannot be used.
         UsageProblem: the options make no sense for it.
     """
     from defocus_cli.depth_formats.depth import read_depth, require_valid
+    from defocus_cli.elements.alpha import element_depth
     from defocus_cli.formats.color import read_color, require_finite
-    from defocus_cli.rendering.element import element_depth
+    from defocus_cli.rendering.resized_depth import of_size
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
     require_view(picture, reading)
     overscan = overscan_of(picture, reading, parts)
+    overscan = overscan if most is None else overscan.within(most)
     color = read_color(
         picture.color,
         layer=reading.color_layer,
@@ -216,28 +281,10 @@ def read(
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(picture.color, problem, "give the depth file as a second argument")
-    depth = element_depth(_of_size(depth, color, reading, keeping), color, keeping)
+    depth = element_depth(of_size(depth, color, reading, keeping), color, keeping)
     require_valid(depth)
     require_finite(color)
     return color, depth
-
-
-def _of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> Depth:
-    """The depth of the size of the colour.
-
-    Raises:
-        InputError: it is of another one, and is not to be resized.
-    """
-    from defocus_cli.depth_formats.depth import resized
-
-    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
-    if (height, width) == (rows, columns):
-        return depth
-    if reading.resize_depth is None:
-        problem = f"is {columns}x{rows} px but {color.path} is {width}x{height} px"
-        remedy = "give depth of the size of the colour, or say --resize-depth nearest"
-        raise InputError(depth.path, problem, remedy)
-    return resized(depth, (width, height), keeping)
 
 
 def require_view(picture: Picture, reading: Reading) -> None:

@@ -126,8 +126,8 @@ def _sizes(job: Job) -> tuple[float, float]:
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
     if outputs.need_rendering:
-        if job.picture.hidden is not None:
-            _, behind, whole_behind, _ = _inputs(job.picture.hidden)
+        for other in job.picture.others.values():
+            _, behind, whole_behind, _ = _inputs(other)
             per_pixel, whole = per_pixel + behind + _FLOAT + 1, max(whole, whole_behind)
         per_pixel += sum(kind.memory_bytes(channels, sample) for kind in outputs.rows)
     return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB

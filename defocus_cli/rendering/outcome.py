@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.plate import Plate, nothing_of
 from defocus_cli.jobs.job import Job, Lens
 from defocus_cli.rendering.depth_repair import repair_words
 from defocus_cli.rendering.memory_budget import Holding
@@ -13,6 +14,7 @@ from defocus_cli.rendering.memory_budget import Holding
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
+    from defocus_cli.rendering.deep_picture import Layers
     from defocus_core import DepthRepair
 
 
@@ -44,17 +46,19 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A picture, decoded, and its hidden layer if the job has and needs one."""
+    """A picture, decoded, and its hidden layer or its plate if the job has and needs one."""
 
     holding: Holding
     color: Color
     depth: Depth
     behind: tuple[Color, Depth] | None = None
+    plate: Plate | None = None
+    layers: Layers | None = None  # of a deep picture that is rendered
 
     @property
     def nothing(self) -> Any:
         """Where an element holds nothing, bool [H, W]; None if nowhere."""
-        return self.depth.nothing
+        return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job
+from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.opening import aperture_in_pixels, dual_pixel_of
@@ -19,7 +21,7 @@ from defocus_cli.system.errors import TooLarge
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core import Behind, HiddenLayer, Stream, Views
+    from defocus_core import Behind, HiddenLayer, Pixels, Stream, Views
 
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
@@ -97,7 +99,7 @@ def _fill(
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.place(part)
+                images.place(loaded.layers.in_order(part) if loaded.layers else part)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -122,29 +124,46 @@ def stream_of(
     from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
-    image = Windows(loaded.color.planes, device)
+    image = _lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
     aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
     infinity = None
     if not loaded.depth.is_radius:
         infinity = longer * radius_at_infinity(lens, outcome.size)
+    settings = Settings(
+        aperture=aperture,
+        dual_pixel=dual_pixel_of(lens),
+        quality=outcome.quality,
+        left_right=any(kind.halves for kind in job.outputs.rows),
+        threads=job.machine.threads,
+        tile=job.machine.tile,
+        infinity=infinity,
+        depth_repair=job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+        decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
+    )
+    if loaded.plate is not None:
+        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
+        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+    if loaded.layers is not None:
+        known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
+        if known.open or known.number > 1:
+            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     return Stream(
         image,
         Windows([times(radius, longer)], device, lone=True),
-        Settings(
-            aperture=aperture,
-            dual_pixel=dual_pixel_of(lens),
-            quality=outcome.quality,
-            left_right=any(kind.halves for kind in job.outputs.rows),
-            threads=job.machine.threads,
-            tile=job.machine.tile,
-            infinity=infinity,
-            depth_repair=job.reading.depth_repair,
-            edge_width=job.reading.edge_width,
-            decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
-        ),
+        settings,
         _hidden(loaded, outcome, seen, longer),
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
+
+
+def _lit(image: Windows, channels: Sequence[str], lens: Lens) -> Pixels:
+    """The picture, with the light that its clipped lights lost if the lens asks for it."""
+    from defocus_core import with_lights
+
+    if lens.highlights is None:
+        return image
+    return with_lights(image, *lens.highlights, colors=len(channels) - ("A" in channels))
 
 
 class _Images:
@@ -157,6 +176,10 @@ class _Images:
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
+        self._order = list(range(channels))
+        if loaded.plate is not None:  # the alpha of layers is their last channel
+            alpha = len(loaded.color.light)
+            self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         for kind in job.outputs.rows:
@@ -179,6 +202,8 @@ class _Images:
         rows, columns = slice(top, top + height), slice(left, left + width)
         for kind, planes in self.planes.items():
             views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
+            if KINDS[kind].image and self._order != sorted(self._order):
+                views = [view[self._order] for view in views]
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:

@@ -85,9 +85,10 @@ def write_repair_preview(path: Path, picture: RepairedPicture) -> None:
 def _strips(picture: RepairedPicture) -> Iterator[NDArray[Any]]:
     import numpy as np
 
+    channels = picture.color.channels
+    planes = picture.color.planes[: len(channels)]
     for rows in bands(picture.given.shape):
-        pixels = np.stack([plane[rows] for plane in picture.color.planes], -1).astype(np.float32)
-        channels = picture.color.channels
+        pixels = np.stack([plane[rows] for plane in planes], -1).astype(np.float32)
         shown, _, _ = display_encoded(pixels, channels, 8, keep_alpha=False)
         shown = np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3))
         grey = _DIMMED * shown.mean(axis=2, dtype=np.float32)[:, :, None] / 255

@@ -120,7 +120,7 @@ def _read(
 ) -> Depth:
     """The depth of a file, with nothing where the alpha of its colour is 0."""
     from defocus_cli.depth_formats.depth import read_depth
-    from defocus_cli.rendering.element import element_depth
+    from defocus_cli.elements.alpha import element_depth
 
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     if color is None:

@@ -46,10 +46,10 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     with put_off():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
 
+    from defocus_cli.elements.overscan import overscan_of
     from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
-    from defocus_cli.rendering.overscan import overscan_of
     from defocus_cli.reports.depth_evidence import evidence_of, may_be_depth
     from defocus_cli.system.safe_files import read_head
 

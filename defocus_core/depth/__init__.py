@@ -1,4 +1,4 @@
-"""Depth maps converted to planar depth, and repaired before rendering.
+"""Depth maps converted to planar depth, resized to their pictures, repaired before rendering.
 
 Repaired are noise, and anti-aliased, soft, ramped and quantised depth.
 
@@ -8,5 +8,5 @@ average: a pixel of an edge that holds the mean depth of both surfaces, in dista
 level: one of few values of a quantised depth map. terrace: neighbours of one level.
 silhouette: the pixels on the nearer side of edges. profile: the colours across a silhouette.
 displacement: px by which an edge of depth lies outside that of the colours; negative inside.
-band: rows of a frame that are examined at once.
+band: rows of a frame that are examined at once. cell: a pixel of depth of another size.
 """

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from html_reports import items, keys
 
 SHIFTED = "np.roll(image, 1, 1)"
 TEST = """
@@ -70,6 +71,30 @@ def test_bounds_decide(project: Path) -> None:
     assert passes(project, expression=dimmed, bounds=", psnr=40, rel_rmse=0.02") is None
     assert "fails p99.9>0.001" in str(passes(project, expression=dimmed, bounds=", p999=1e-3"))
     assert "got brightness" in str(passes(project, bounds=", brightness=1"))
+
+
+@pytest.mark.parametrize("processes", [(), ("-p", "xdist", "-n", "2")])
+def test_a_report_of_all_checks_lies_beside_the_junit_file(
+    processes: tuple[str, ...], project: Path
+) -> None:
+    said = str(passes(project, "--junitxml", "out/junit.xml", *processes, expression=SHIFTED))
+    file = project / "out" / "junit.goldens.html"
+    assert f"report of goldens: {Path('out', file.name)}" in said
+    (shown,) = items(file)
+    assert shown["name"] == "goldens/test_it/noise/a.exr"
+    assert shown["words"] == "shifted by (1, 0)"
+    assert keys(shown, valued=True)[:2] == ["a", "b"]
+    accept = dict(shown["commands"])["Accept as the golden"]
+    assert accept == "pytest test_it.py::test_a_picture --golden-update"
+    assert passes(project, "--junitxml", "out/junit.xml", *processes) is None
+    assert [each["status"] for each in items(file)] == ["same"]
+
+
+def test_a_picture_without_a_golden_is_in_the_report(project: Path) -> None:
+    (project / "goldens" / "test_it" / "noise" / "a.exr").unlink()
+    assert passes(project, "--junitxml", "junit.xml")
+    (shown,) = items(project / "junit.goldens.html")
+    assert (shown["status"], keys(shown)) == ("extra", ["b"])
 
 
 def test_an_image_of_no_known_shape_is_refused(project: Path) -> None:

@@ -259,7 +259,7 @@ def test_depth_of_another_size_is_taken_from_the_nearest_pixel(tmp_path: Path) -
     color = color_exr(tmp_path / "a.exr")  # 24 × 16
     small = write_exr(tmp_path / "z.exr", Z=np.float32(1 + np.arange(24).reshape(4, 6)))
     ran = render(color, small, "-o", tmp_path / "o", "--outputs", "coc")
-    refused(ran, 3, "is 6x4 px but", "--resize-depth nearest")
+    refused(ran, 3, "is 6x4 px but", "--resize-depth guided, or nearest")
     said = ("--resize-depth", "nearest", "--outputs", "coc")
     assert render(color, small, "-o", tmp_path / "o", *said).code == 0
     large = write_exr(tmp_path / "l.exr", Z=np.kron(read_exr(small)["Z"], np.ones((4, 4), "f4")))
@@ -268,6 +268,52 @@ def test_depth_of_another_size_is_taken_from_the_nearest_pixel(tmp_path: Path) -
     np.testing.assert_array_equal(*of)
     square = write_exr(tmp_path / "s.exr", Z=np.ones((5, 5), np.float32))
     refused(render(color, square, "-o", tmp_path / "q", *said), 3, "of another aspect")
+
+
+def test_depth_of_another_size_is_guided_by_the_colours(tmp_path: Path) -> None:
+    """A bright square before a dark wall; a cell of depth covers 4 by 4 px of both."""
+    inside = (slice(9, 51), slice(13, 67))
+    pixels, metres = np.full((64, 80, 3), 0.1, np.float32), np.full((64, 80), 6, np.float32)
+    pixels[inside], metres[inside] = 0.8, 1.5
+    color, whole = color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "z.exr", metres)
+    small = depth_exr(tmp_path / "s.exr", metres[2::4, 2::4].copy())
+    wanted = ("--outputs", "coc", "-o")
+    render(color, whole, *wanted, tmp_path / "whole")
+    for how in ("guided", "nearest"):
+        ran = render(color, small, *wanted, tmp_path / how, "--resize-depth", how, "-v")
+        assert ran.code == 0, ran.err
+        found, exact = (
+            read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in (how, "whole")
+        )
+        off = np.abs(found - exact) > 1e-3
+        assert off.any() == (how == "nearest")
+        note = f"20x16 px resized{', guided by the colours' if how == 'guided' else ' by nearest'}"
+        assert note in ran.err
+    ran = render(
+        color, small, *wanted, tmp_path / "mm", "--resize-depth", "guided", "--memory", "1GB"
+    )
+    assert ran.code == 0, ran.err
+    (tmp_path / "lens.toml").write_text(
+        'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nresize-depth = "guided"\n'
+    )
+    run("render", color, small, *wanted, tmp_path / "toml", "--lens", tmp_path / "lens.toml")
+    names = ("guided", "toml", "mm")
+    first, *others = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in names]
+    assert all(np.array_equal(first, other) for other in others)
+
+
+def test_depth_that_cannot_be_guided_is_refused(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")
+    args = ("-o", tmp_path / "o", "--resize-depth", "guided")
+    holed = ramp(12, 8)
+    holed[1, 2] = 0
+    ran = render(color, depth_exr(tmp_path / "h.exr", holed), *args)
+    refused(ran, 3, "h.exr: is NaN or ≤ 0 in 1 pixel, the first at 2,1; ", "--invalid far")
+    assert render(color, tmp_path / "h.exr", *args, "--invalid", "far").code == 0
+    square = depth_exr(tmp_path / "s.exr", np.ones((5, 5), np.float32))
+    refused(render(color, square, *args), 3, "of another aspect")
+    held = write_exr(tmp_path / "coc.exr", coc=ramp(12, 8))
+    refused(run("render", color, held, *args, "--depth-format", "coc"), 3, "holds radii in px")
 
 
 def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> None:

@@ -208,3 +208,57 @@ def test_a_sensor_that_makes_no_sense_is_refused(
     light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, *words)
+
+
+def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
+    depth = depth_exr(tmp_path / "d.exr", np.full((SIZE, SIZE), 50.0, np.float32))
+    lamp = np.full((SIZE, SIZE, 3), 60, np.uint8)
+    lamp[24, 24] = (255, 200, 120)
+    photo = save(tmp_path / "photo.png", lamp)
+    bright = np.full((SIZE, SIZE, 3), 0.05, np.float32)
+    bright[24, 24] = 5.0
+    hdr = color_exr(tmp_path / "hdr.exr", bright)
+
+    def shown(color: Path, out: str, *options: str) -> np.ndarray:
+        ran = run("render", color, depth, "-o", tmp_path / out, *lens, *options)
+        assert ran.code == 0, ran.err
+        planes = read_exr(tmp_path / out / "render" / f"{color.stem}.exr")
+        return np.stack([planes[name] for name in "RGB"], -1).astype(np.float32)
+
+    plain, lit = shown(photo, "plain"), shown(photo, "lit", "--highlights", "auto")
+    more = shown(photo, "more", "--highlights", "0.8:60")
+    assert (lit - plain)[..., 0].max() > 0.01
+    assert (more - plain)[..., 0].max() == pytest.approx(
+        59 / 15 * (lit - plain)[..., 0].max(), rel=0.1
+    )
+    assert np.abs((lit - plain)[:4]).max() < 1 / 255
+    np.testing.assert_array_equal(shown(hdr, "a"), shown(hdr, "b", "--highlights", "auto"))
+    np.testing.assert_array_equal(plain, shown(photo, "off", "--highlights", "off"))
+    refused(
+        run("render", photo, depth, "-o", tmp_path / "x", *lens, "--highlights", "2"), 2, "auto"
+    )
+
+
+def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
+    metres = np.tile(np.linspace(1, 4, 240, dtype=np.float32), (160, 1))
+    color = color_exr(tmp_path / "a.exr", np.full((160, 240, 3), 0.5, np.float32))
+    depth = depth_exr(tmp_path / "d.exr", metres)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
+    options = ("-o", tmp_path / "out", *lens, "--outputs", "focus,coc", "--exr-type", "float")
+    ran = run("render", color, depth, *options)
+    assert ran.code == 0, ran.err
+    shown = read_exr(tmp_path / "out/focus/a.exr")
+    coc = read_exr(tmp_path / "out/coc/a.exr")["coc"][0]
+    red, green, blue = (shown[name][0] for name in "RGB")
+    sharp, near, far = np.abs(coc) <= 1, coc < -1.5, coc > 1.5
+    assert sharp.any()
+    assert ((green > 2 * red) & (green > 2 * blue))[sharp].all()
+    assert (red >= green)[near].all()
+    assert (blue >= green)[far].all()
+    assert shown["R"].shape == metres.shape
+    inset = shown["G"][-40:, :96]
+    assert np.unique(inset).size > 4  # the bars, and the words
+    assert np.unique(shown["G"][-40:, 96:], axis=0).shape[0] == 1
+    records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
+    assert json.loads(records[-1])["seconds"]["render"] == 0

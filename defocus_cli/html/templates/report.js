@@ -23,7 +23,7 @@ const pictured = () => item() ? item().layers.filter(layer => layer.key !== "dif
 // ---- payloads: base64 in elements at the end of the file
 
 async function textOf(name) {
-  if (!$(name)) await loaded;
+  if (!$(name) || !$(name).nextElementSibling) await loaded; // or a part of it may be there
   return $(name).textContent;
 }
 
@@ -38,13 +38,25 @@ const addressOf = async name => {
   return `data:image/${text.startsWith("iVBOR") ? "png" : "jpeg"};base64,${text}`;
 };
 
+async function inflated(packed, size) {
+  const stream = new DecompressionStream("deflate"), writer = stream.writable.getWriter();
+  const written = writer.write(packed).then(() => writer.close());
+  const bytes = new Uint8Array(size), reader = stream.readable.getReader();
+  for (let place = 0; ;) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    bytes.set(value, place);
+    place += value.length;
+  }
+  await written;
+  return bytes;
+}
+
 // Bits of halves: differences to the left neighbour or to another layer; low bytes, then high ones.
 async function unpack(owner, layer) {
   const { payload, size: [width, height], base } = layer.values, channels = layer.channels.length;
-  const stream = new Blob([await bytesOf(payload)]).stream();
-  const inflated = stream.pipeThrough(new DecompressionStream("deflate"));
-  const bytes = new Uint8Array(await new Response(inflated).arrayBuffer());
   const count = width * height, total = count * channels, bits = new Uint16Array(total);
+  const bytes = await inflated(await bytesOf(payload), 2 * total);
   const other = base && (await valuesOf(owner, owner.layers.find(each => each.key === base)));
   for (let channel = 0, n = 0; channel < channels; channel++) {
     for (let pixel = 0, place = channel; pixel < count; pixel++, n++, place += channels) {
@@ -399,8 +411,10 @@ function show(number, quietly) {
   $("title").textContent = item().name;
   $("position").textContent = `${view.order.indexOf(number) + 1} of ${view.order.length}`;
   $("worst").disabled = !item().place;
-  $("failure").hidden = !program || keys.length > 0;
-  if (program && !keys.length) $("failure").textContent = "There is no picture of this item in the report.";
+  if (program) {
+    $("failure").textContent = "There is no picture of this item in the report.";
+    $("failure").hidden = keys.length > 0;
+  }
   $("readout").textContent = "Point at the picture to read its values.";
   details();
   modes();

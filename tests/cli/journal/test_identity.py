@@ -20,7 +20,7 @@ PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
 JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
 DRAW = Draw(7, "a", 3, (("fnumber", "uniform(1, 2)"), ("focus", "inf")), attempt=2)
 HIDDEN = replace(PICTURE, hidden=Picture("b", Path("b.exr"), Path("c.exr")))
-LENS = Lens(50.0, 2.0, math.inf, (3, 4), 24.0, 6, 15.0, None, 40.0, DRAW)
+LENS = Lens(50.0, 2.0, math.inf, (3, 4), 24.0, 6, 15.0, None, 40.0, draw=DRAW)
 
 
 def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:

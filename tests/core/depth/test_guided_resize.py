@@ -1,0 +1,150 @@
+"""Depth of another size comes to the size of its picture with edges where the colours change."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+import torch
+from streams import Windows
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, interpolate
+
+from defocus_core import GuidedDepth
+
+SIZE = (96, 128)
+NEAR, FAR = 1.5, 6.0
+SCENES = Path(__file__).parents[3] / "sample_scenes"
+
+
+def disc(size: tuple[int, int] = SIZE) -> tuple[Tensor, Tensor]:
+    """A textured disc before a textured wall, and its depth, both [.., H, W]."""
+    y, x = (torch.arange(side, dtype=torch.float64) + 0.5 for side in size)
+    is_near = (x - 0.52 * size[1]) ** 2 + (y[:, None] - 0.47 * size[0]) ** 2 < (0.3 * size[0]) ** 2
+    waves = 0.1 * torch.sin(x / 3) * torch.sin(y[:, None] / 4)
+    near = torch.tensor([0.7, 0.3, 0.1])[:, None, None] + waves
+    wall = torch.tensor([0.2, 0.4, 0.6])[:, None, None] + waves
+    return torch.where(is_near, near, wall), torch.where(is_near, NEAR, FAR).double()
+
+
+def sampled(depth: Tensor, step: int) -> Tensor:
+    return depth[step // 2 :: step, step // 2 :: step].contiguous()
+
+
+def nearest(depth: Tensor, size: tuple[int, int]) -> Tensor:
+    return interpolate(depth[None, None], size, mode="nearest-exact")[0, 0]
+
+
+def whole(depth: Tensor, image: Tensor) -> Tensor:
+    return GuidedDepth(depth, image)[:]
+
+
+@pytest.mark.parametrize("step", [2, 3, 4])
+def test_edges_lie_where_the_colours_change(step: int) -> None:
+    image, depth = disc()
+    small = sampled(depth, step)
+    found = nearest(small, SIZE), whole(small, image)
+    wrong = [((resized - depth).abs() > 1e-6).sum() for resized in found]
+    assert wrong[1] < wrong[0] / 4
+
+
+@pytest.mark.parametrize("step", [2, 3, 4])
+def test_no_depth_is_invented_between_surfaces(step: int) -> None:
+    image, depth = disc()
+    found = whole(sampled(depth, step), image)
+    off = torch.minimum((found - NEAR).abs(), (found - FAR).abs())
+    assert off.max() < 1e-6
+
+
+def test_sky_stays_sky_up_to_its_edge() -> None:
+    image, depth = disc()
+    depth[depth == FAR] = math.inf
+    found = whole(sampled(depth, 2), image)
+    assert bool((torch.isinf(found) | ((found - NEAR).abs() < 1e-6)).all())
+    assert (torch.isinf(found) != torch.isinf(depth)).sum() < 20
+
+
+def test_slopes_go_on_up_to_an_edge() -> None:
+    """Planes stay planes: their disparity is linear in the pixels."""
+    image, depth = disc()
+    x = torch.arange(SIZE[1], dtype=torch.float64)
+    slanted = torch.where(depth == NEAR, 0.6 + 0.001 * x, 0.1 + 0.0005 * x)
+    small = avg_pool2d(slanted[None, None], 1, stride=2)[0, 0]  # cells at 2 x, for x + 0.5
+    found = 1 / whole(1 / small, image)
+    right = (found - (slanted - torch.where(depth == NEAR, 0.0005, 0.00025))).abs() < 1e-3
+    assert right[:, 2:-2].double().mean() > 0.995
+
+
+def test_ramps_are_left_to_the_repair() -> None:
+    image, _ = disc()
+    x = torch.arange(SIZE[1] // 2, dtype=torch.float64).expand(SIZE[0] // 2, -1)
+    ramp = 0.2 + 0.6 * ((x - 20) / 8).clamp(0, 1)
+    found = 1 / whole(1 / ramp, image)
+    linear = interpolate(ramp[None, None], SIZE, mode="bilinear")[0, 0]
+    torch.testing.assert_close(found, linear)
+
+
+def test_averages_at_edges_are_no_surface() -> None:
+    size = (4 * SIZE[0], 4 * SIZE[1])
+    image, depth = disc(size)
+    averaged = avg_pool2d(1 / depth[None, None], 2)[0, 0]
+    assert ((averaged - 1 / NEAR).abs() > 1e-3).logical_and((averaged - 1 / FAR).abs() > 1e-3).any()
+    found = 1 / whole(1 / averaged, image)
+    between = (found < 0.9 / NEAR) & (found > 1.1 / FAR)
+    assert between.double().mean() < 0.002
+
+
+@pytest.mark.parametrize("small", [(48, 64), (33, 44), (24, 32), (120, 160), (1, 1), (1, 2)])
+def test_any_size_becomes_that_of_the_picture(small: tuple[int, int]) -> None:
+    image, _ = disc()
+    _, depth = disc(small)
+    found = whole(depth, image)
+    assert found.shape == SIZE
+    assert found.min() >= depth.min() - 1e-9
+    assert found.max() <= depth.max() + 1e-9
+
+
+def test_windows_are_parts_of_the_whole() -> None:
+    image, depth = disc()
+    guided = GuidedDepth(sampled(depth, 4).float(), Windows(image))
+    found = guided[:]
+    assert found.dtype == torch.float32
+    for rows, columns in ((slice(7, 30), slice(11, 90)), (slice(0, 96), slice(60, 61))):
+        assert torch.equal(guided[rows, columns], found[rows, columns])
+
+
+def test_a_mirrored_picture_has_mirrored_depth() -> None:
+    image, depth = disc()
+    small = avg_pool2d(depth[None, None], 2, 2)[0, 0]
+    found = whole(small, image)
+    for dim in (-1, -2):
+        torch.testing.assert_close(whole(small.flip(dim), image.flip(dim)).flip(dim), found)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan])
+def test_depth_that_is_none_is_refused(bad: float) -> None:
+    image, depth = disc()
+    depth[3, 4] = bad
+    with pytest.raises(ValueError, match=r"depth must be \[h, w\] of positive floats"):
+        GuidedDepth(depth, image)
+    with pytest.raises(ValueError, match="depth must be"):
+        GuidedDepth(torch.ones(4, 5, 6), image)
+
+
+@pytest.mark.parametrize("scene", ["layered", "leaves", "lights", "spheres"])
+@pytest.mark.parametrize("step", [2, 4])
+def test_fewer_pixels_are_on_the_wrong_surface_than_by_nearest(scene: str, step: int) -> None:
+    def channels(name: str, *wanted: str) -> Tensor:
+        with OpenEXR.File(str(SCENES / scene / f"{name}.exr"), separate_channels=True) as file:
+            pixels = [file.channels()[each].pixels.astype(np.float64) for each in wanted]
+        return torch.from_numpy(np.stack(pixels))
+
+    image, depth = channels("rgb", *"RGB"), channels("depth", "Z")[0]
+    small, size = sampled(depth, step), (depth.shape[0], depth.shape[1])
+    far_off = 0.05 * (1 / depth).max()
+    wrong = [
+        ((1 / found - 1 / depth).abs() > far_off).double().mean()
+        for found in (nearest(small, size), whole(small, image))
+    ]
+    assert wrong[1] < 0.75 * wrong[0]
