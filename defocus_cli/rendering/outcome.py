@@ -56,6 +56,11 @@ class Loaded:
     layers: Layers | None = None  # of a deep picture that is rendered
 
     @property
+    def is_layered(self) -> bool:
+        """Whether it is rendered as layers, whose depth is not repaired."""
+        return self.plate is not None or self.layers is not None
+
+    @property
     def nothing(self) -> Any:
         """Where an element holds nothing, bool [H, W]; None if nowhere."""
         return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
