@@ -64,6 +64,11 @@ class Loaded:
         return part if self.layers is None else self.layers.in_order(part)
 
     @property
+    def is_layered(self) -> bool:
+        """Whether it is rendered as layers, whose depth is not repaired."""
+        return self.plate is not None or self.layers is not None
+
+    @property
     def nothing(self) -> Any:
         """Where an element holds nothing, bool [H, W]; None if nowhere."""
         return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
