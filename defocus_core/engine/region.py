@@ -15,6 +15,7 @@ from defocus_core.compositing.bokeh_discs import draw
 from defocus_core.compositing.frame_border import share_in_frame
 from defocus_core.compositing.highlights import split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
+from defocus_core.compositing.screens import screens_of
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
@@ -91,9 +92,8 @@ class Region:
         self._highlights: Tensor | None = None
         if highlights and places is not None:
             aperture, parts, *_ = frame.division
-            self._highlights = draw(
-                highlights, signed_radius, places, slices.radii, aperture, parts, inmost
-            )
+            screens = screens_of(own, signed_radius, places, slices.radii)
+            self._highlights = draw(highlights, screens, slices.radii, aperture, parts, inmost)
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
         """For each group the shares of its parts that look into the frame; None if all are 1."""
