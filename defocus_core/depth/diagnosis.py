@@ -83,6 +83,11 @@ class DepthRepair(NamedTuple):
     edge_width: float | None = None
     share: float = 0.0
 
+    @property
+    def uncertain_edges(self) -> bool:
+        """Whether edges were averages or soft: the colours say on which side their pixels are."""
+        return self.antialiased is not None or self.soft_edges is not None
+
 
 def diagnosed(
     signed_radius: Pixels, infinity: float | None, threads: int, noise: float | None = None
