@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from measures import worst
 from scenes import RADII, pattern
 from torch import Tensor
 
