@@ -6,7 +6,11 @@ from scenes import RADII, pattern
 from torch import Tensor
 
 from defocus_core import render
-from defocus_core.depth.edge_pixels import AROUND, with_pixels_by_color
+from defocus_core.depth.edge_pixels import (
+    AROUND,
+    are_beside_their_surface,
+    with_pixels_by_color,
+)
 from defocus_core.images.box import Box
 from defocus_core.images.derived import Repaired
 from defocus_core.layers.matting import Unmixed, unmixed
@@ -127,6 +131,19 @@ def test_depth_of_half_the_size_makes_nearly_the_picture_of_the_whole(seed: int)
         for switch in ("auto", "off")
     )
     assert auto < 0.05 * off
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("factor", [2, 4])
+def test_averages_of_an_enlarged_depth_map_are_told_from_those_of_pixels(
+    seed: int, factor: int
+) -> None:
+    """Averages of pixels say where edges are; of larger ones, colours do."""
+    image, _, radius = ragged(seed, (120, 160))
+    coarse = radius[None, None, ::factor, ::factor].repeat_interleave(factor, 2)
+    coarse = coarse.repeat_interleave(factor, 3)[0, 0]
+    assert not are_beside_their_surface(radius, image, 2)
+    assert are_beside_their_surface(coarse, image, 2)
 
 
 def coverage_of(surface: Unmixed, column: int) -> Tensor:
