@@ -98,6 +98,7 @@ class Picture:
             quality,
             self._hidden,
             quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
             layered=layered,
         )
         self._enlarging: Enlarging | None = None

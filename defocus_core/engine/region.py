@@ -7,6 +7,7 @@ part of the aperture. Hidden layers fill the gaps of visible ones; in focus they
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -108,7 +109,8 @@ class Region:
         frame = self._frame
         pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
-        own = (unmixed if unmixes else whole)(pixels, signed_radius)
+        unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
+        own = unmix(pixels, signed_radius)
         return own, signed_radius, highlights
 
     def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:

@@ -21,8 +21,8 @@ from defocus_core.images.neighbourhoods import extreme_around
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import BLOCK, Grid, regions
 from defocus_core.layers.block_index import blocks_of, visible_slices
+from defocus_core.layers.edge_surfaces import EDGE
 from defocus_core.layers.ladder import position
-from defocus_core.layers.matting import EDGE
 from defocus_core.runtime.threads import AHEAD
 from defocus_core.stream import Stream
 
