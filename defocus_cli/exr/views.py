@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from defocus_cli.exr.header import Channel, Header
+from defocus_cli.exr.header import Channel, Header, is_exr, read_headers
 from defocus_cli.system.errors import InputError
+from defocus_cli.system.safe_files import read_head
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,6 +71,19 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
     return tuple(_restricted(header, views, chosen) for header in headers)
 
 
+def require_view(paths: Sequence[Path], view: str | None) -> None:
+    """Refuse the name of a view for files of which none has views.
+
+    Raises:
+        InputError: it is one.
+    """
+    if view is None:
+        return
+    exrs = [path for path in paths if is_exr(read_head(path))]
+    if not any(views_of(read_headers(path)) for path in exrs):
+        raise InputError(paths[0], f"has no views, and so no view {view}", "leave --view out")
+
+
 def default_warning(headers: Sequence[Header], view: str | None) -> str:
     """What is said of a file of several views of which none was asked for; else empty."""
     views = views_of(headers)
@@ -119,19 +133,3 @@ def _of_channel(name: str) -> str:
     """The view that the name of a channel tells, if it does."""
     words = name.split(".")
     return words[-2] if len(words) > 1 and words[-2].lower() in _STEREO else ""
-
-
-def require_view(color: Path, depth: Path, view: str | None) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: neither the colour nor the depth file has any.
-    """
-    from defocus_cli.exr.header import is_exr, read_headers
-    from defocus_cli.system.safe_files import read_head
-
-    if view is None:
-        return
-    exrs = [path for path in (color, depth) if is_exr(read_head(path))]
-    if not any(views_of(read_headers(path)) for path in exrs):
-        raise InputError(color, f"has no views, and so no view {view}", "leave --view out")

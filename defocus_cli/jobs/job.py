@@ -174,6 +174,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    map_format: str = "exr"  # or tiff, of float32, too
     keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
@@ -188,7 +189,9 @@ class Outputs:
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
-        names = {k.name: f"{k.name}/{stem}{k.suffix(self.format)}" for k in self.rows}
+        names = {
+            k.name: f"{k.name}/{stem}{k.suffix(self.format, self.map_format)}" for k in self.rows
+        }
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
@@ -262,6 +265,7 @@ class Job:
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
     shot: Shot | None = None
+    split: str = ""  # of a dataset; it changes nothing in the outputs
 
     @property
     def files(self) -> dict[str, Path]:

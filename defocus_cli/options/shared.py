@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import KINDS, MAPS, in_one_file
+from defocus_cli.formats.kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
 from defocus_cli.jobs.job import (
     DEVICES,
     QUALITIES,
@@ -123,7 +123,14 @@ def output_options(command: Command) -> Command:
                 type=Format(),
                 default="exr",
                 show_default=True,
-                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float EXR.",
+                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float.",
+            ),
+            option(
+                "--map-format",
+                type=click.Choice(MAP_FORMATS),
+                default="exr",
+                show_default=True,
+                help="Type of the maps: EXR, or float TIFF, which image libraries read, too.",
             ),
             option(
                 "--exr-type",

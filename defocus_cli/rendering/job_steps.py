@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.elements.deep import layers_of_scene
 from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Either
-from defocus_cli.elements.plate import check_over, read_plate
+from defocus_cli.elements.plate import read_over
+from defocus_cli.exr.views import require_view
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
 from defocus_cli.rendering.focusing import quality_of, radius_map
@@ -45,7 +46,7 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     if picture.over is not None:
-        return _over(job, held)
+        return _over_plate(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
     if not job.outputs.need_rendering:
         return Loaded(held, color, depth)
@@ -64,32 +65,21 @@ def load_inputs(job: Job) -> Loaded:
     return Loaded(held, color, depth, (behind, behind_depth))
 
 
-def _over(job: Job, held: Holding) -> Loaded:
+def _over_plate(job: Job, held: Holding) -> Loaded:
     """An element and the plate that it lies over, decoded.
 
     Raises:
         InputError: an input cannot be used.
         UsageProblem: a hidden layer is given, too.
     """
-    picture = job.picture
-    assert picture.over is not None
-    if picture.hidden is not None:
+    if job.picture.hidden is not None:
         raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
-    plate_overscan = overscan_of(picture.over, replace(job.reading, color_layer=None))
 
-    def read_one(one: Picture, reading: Reading) -> tuple[Color, Depth]:
-        return read(one, reading, held.keeping, job.lens_focal, plate_overscan)
+    def read_one(one: Picture, reading: Reading, most: Overscan) -> tuple[Color, Depth]:
+        return read(one, reading, held.keeping, job.lens_focal, most)
 
-    color, depth = read_one(picture, job.reading)
-    most = color.overscan
-    plate = read_plate(
-        picture.over,
-        job.reading,
-        lambda one, reading: read(one, reading, held.keeping, job.lens_focal, most),
-        held.keeping,
-        most,
-    )
-    loaded = Loaded(held, color, depth, plate=check_over(color, plate))
+    color, depth, plate = read_over(job.picture, job.reading, read_one, held.keeping)
+    loaded = Loaded(held, color, depth, plate=plate)
     return _with_layers(job, loaded) if job.outputs.need_rendering else loaded
 
 
@@ -127,7 +117,7 @@ def compute(
     """
     outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
-        return Rendering(outcome, loaded.color, radius, {}, {}, loaded.nothing)
+        return loaded.rendering(outcome, radius)
     outcome, quiet, seen = with_neighbours(outcome, loaded, radius, _read_for)
     return replace(rendered(loaded, quiet, outcome, progress, seen), radius=radius)
 
@@ -139,6 +129,9 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         InputError: the picture cannot be taken with this lens.
         UsageProblem: the options make no sense for this picture or machine.
     """
+    if "depth" in job.outputs.kinds and loaded.depth.is_radius:
+        problem = "holds radii, of which no depth can be written"
+        raise InputError(loaded.depth.path, problem, "leave depth out of the outputs")
     lens = shot_focused(job, loaded.depth, _read_for)
     decided = None
     if job.outputs.need_rendering:
@@ -250,13 +243,12 @@ def read(
     """
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.elements.alpha import element_depth
-    from defocus_cli.exr.views import require_view
     from defocus_cli.formats.color import read_color, require_finite
     from defocus_cli.rendering.resized_depth import of_size
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
-    require_view(picture.color, picture.depth, reading.view)
+    require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts)
     overscan = overscan if most is None else overscan.within(most)
     color = read_color(

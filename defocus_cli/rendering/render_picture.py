@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
 _MANY_CLAMPED = 0.01
+_TRUSTED = 0.99  # share of the lens
 
 
 def rendered(
@@ -62,10 +63,10 @@ def rendered(
         repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
-        stats={**stream.stats, **scratch},
+        stats={**stream.stats, "pixels_invented": images.invented, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
+    return loaded.rendering(outcome, radius, images.planes, images.clamped)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -91,6 +92,7 @@ def _fill(
     job, at_once = outcome.job, None
     while True:
         images.clamped.clear()
+        images.invented = 0
         try:
             stream = stream_of(loaded, radius, outcome, seen)
             if at_once is None:
@@ -99,7 +101,7 @@ def _fill(
                     memory.keep_freed(False)
                     memory.trim()
             for part in stream.regions(at_once, progress):
-                images.place(loaded.layers.in_order(part) if loaded.layers else part)
+                images.place(loaded.in_order(part))
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -148,8 +150,11 @@ def stream_of(
         if known.open or known.number > 1:
             return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     elif loaded.plate is not None:
-        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
-        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        own, behind = (times(array, longer) for array in radius.arrays)
+        layers, repair = layers_of(loaded.color, loaded.plate, (own, behind), settings, device)
+        stream = Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        stream.repair = repair
+        return stream
     return Stream(
         image,
         Windows([times(radius, longer)], device, lone=True),
@@ -174,16 +179,14 @@ class _Images:
     Attributes:
         planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
-        self._order = list(range(channels))
-        if loaded.plate is not None:  # the alpha of layers is their last channel
-            alpha = len(loaded.color.light)
-            self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
+        self.invented = 0
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue
@@ -202,10 +205,9 @@ class _Images:
 
         top, left, height, width = part.box
         rows, columns = slice(top, top + height), slice(left, left + width)
+        self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
             views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
-            if KINDS[kind].image and self._order != sorted(self._order):
-                views = [view[self._order] for view in views]
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:

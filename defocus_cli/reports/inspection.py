@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.windows import NO_OVERSCAN
-from defocus_cli.formats.kinds import KINDS, MAPS
+from defocus_cli.formats.kinds import KINDS, NO_DEPTH
 from defocus_cli.jobs.job import Lens, Picture, Reading
 from defocus_cli.reports.figures import color_figures, depth_figures, ends_of, read_picture
 from defocus_cli.system.arrays import Keeping, bands
@@ -242,11 +242,11 @@ def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
 
     from defocus_cli.exr.reading import read_parts
 
-    is_map = any(name in MAPS for part in info.parts for name, _ in part.channels)
+    is_map = any(name in NO_DEPTH for part in info.parts for name, _ in part.channels)
     if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
         return []
     maps = []
-    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in MAPS):
+    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
         for kind, plane in part.channels.items():
             values = (plane[rows] for rows in bands(plane.shape))
             ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
