@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.formats.kinds import KINDS
+from defocus_cli.jobs.job import FRAME_ROLE
 from defocus_cli.lenses.lens import EFFECTS
 from defocus_cli.rendering.measures import MEASURES
 from defocus_cli.system.safe_files import written_whole
@@ -121,7 +122,11 @@ def _entry(record: Record) -> dict[str, Any]:
         "width": width,
         "height": height,
         "outputs": paths,
-        "inputs": {role: stamp["path"] for role, stamp in record["inputs"].items()},
+        "inputs": {
+            role: stamp["path"]
+            for role, stamp in record["inputs"].items()
+            if not role.startswith(FRAME_ROLE)  # other frames of a shot
+        },
         "lens": _lens(record["lens"]),
         "coc_min_px": float(near),
         "coc_max_px": float(far),

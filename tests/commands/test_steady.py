@@ -214,3 +214,13 @@ def test_a_jobs_file_says_what_frames_have_in_common(tmp_path: Path) -> None:
     for change, problem in (("steady = true", "steady = 3"), ("steady", "steadiness")):
         (tmp_path / "jobs.toml").write_text(text.replace(change, problem))
         assert run("batch", tmp_path / "jobs.toml", "-o", tmp_path / "none").code == 2
+
+
+def test_other_frames_are_inputs_of_the_journal_and_of_no_list(tmp_path: Path) -> None:
+    patterns = still(tmp_path, 4)
+    ran = render(*patterns, "-o", tmp_path / "out", "--dry-run")
+    assert "rgb.0001.exr, " in ran.err + ran.out
+    assert "and 3 other frames of the shot" in ran.err + ran.out
+    document = render(*patterns, "-o", tmp_path / "out", "--json").json
+    assert not any(key.startswith("frame") for key in document["pictures"][0])
+    assert "frame0_depth" in records(tmp_path / "out")[2]["inputs"]
