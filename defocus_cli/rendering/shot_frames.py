@@ -81,7 +81,7 @@ class Neighbours:
         self._job, self._loaded, self._lens, self._read = job, loaded, lens, read
         self._shot, window = job.shot, job.shot.window
         self._window, self._radii = window, dict[int, Any]()
-        self._place = window.index(job.picture) if job.picture in window else 0
+        self._place = [picture.frame for picture in window].index(job.picture.frame)
         others = (place for place in range(len(window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
         if self._shot.motion is not None and loaded.holding.scratch:

@@ -176,8 +176,11 @@ def test_vectors_that_are_not_there_are_asked_for(tmp_path: Path) -> None:
     assert "has no motion vectors 'Vector'; its layers are backward, forward" in ran.err
 
 
-def test_retry_knows_the_shot_of_a_frame(tmp_path: Path) -> None:
-    patterns = still(tmp_path, 6)
+@pytest.mark.parametrize("hidden", [False, True])
+def test_retry_knows_the_shot_of_a_frame(tmp_path: Path, hidden: bool) -> None:
+    patterns: tuple[Any, ...] = still(tmp_path, 6)
+    if hidden:
+        patterns = (*patterns, "--hidden", *still(tmp_path / "hidden", 6))
     good = (tmp_path / "z.0002.exr").read_bytes()
     (tmp_path / "z.0002.exr").write_bytes(good[:400])
     assert render(*patterns, "-o", tmp_path / "out").code == 1
