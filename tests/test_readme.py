@@ -112,7 +112,7 @@ def test_the_commands_of_a_document_run_one_after_another(
         carry_out(words, monkeypatch)
 
 
-@pytest.mark.parametrize("name", ["README", "python"])
+@pytest.mark.parametrize("name", ["README", "python", "look"])
 def test_the_python_of_a_document_runs(
     name: str, desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +122,9 @@ def test_the_python_of_a_document_runs(
     for kind, content in blocks(DOCUMENTS[name].read_text()):
         if kind == "python":
             exec(content, names)
+    if name == "look":
+        assert names["views"].left.shape == names["image"].shape
+        return
     assert names["defocused"].shape == names["left"].shape == names["image"].shape
     if name == "python":
         assert names["lenses"].signed_radius.abs().max() <= 20.001

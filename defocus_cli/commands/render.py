@@ -13,10 +13,11 @@ from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.dataset.contact_sheet import kind_of_sheet, write_contact_sheet
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.pairing import find_pictures, whole_shot
 from defocus_cli.jobs.shot_lenses import ShotLenses
 from defocus_cli.jobs.shots import with_shot
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options

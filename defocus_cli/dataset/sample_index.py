@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import EFFECTS
+from defocus_cli.lenses.lens import EFFECTS
 from defocus_cli.rendering.measures import MEASURES
 from defocus_cli.system.safe_files import written_whole
 

@@ -20,9 +20,9 @@ from defocus_cli.html.layers import WHOLE, window_of, with_values
 from defocus_cli.html.page import write_report
 from defocus_cli.html.render_command import render_command
 from defocus_cli.html.sample_layers import drawn_files, is_view, wiggle_of
-from defocus_cli.jobs.job import lens_record_words
 from defocus_cli.journal.journal import Record, read_all, require_journal
 from defocus_cli.journal.ledger import Ledger
+from defocus_cli.lenses.lens import lens_record_words
 from defocus_cli.system.spreading import spread
 
 _COLUMNS = (

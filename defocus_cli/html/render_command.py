@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.html.shell import command_line
-from defocus_cli.jobs.job import EFFECTS, Machine
+from defocus_cli.jobs.job import Machine
 from defocus_cli.journal.journal import Record
 from defocus_cli.journal.revived_jobs import input_place, revived
+from defocus_cli.lenses.lens import EFFECTS
 from defocus_cli.system.errors import InputError
 
 OUT = "again"  # where the command writes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.formats.color_space import linear_to_srgb, quantised, srgb_to_linear
 from defocus_cli.formats.encode import encoded_samples
 from defocus_cli.html.item import LIGHT, SHARE, SIGNED
-from defocus_cli.rendering.preview import FAR, IN_FOCUS, NEAR, largest
+from defocus_cli.look.preview import FAR, IN_FOCUS, NEAR, largest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -37,9 +37,8 @@ from defocus_cli.formats.kinds import (
     in_one_file,
 )
 from defocus_cli.jobs.inputs import read_inputs, read_whole_shot
-from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading
+from defocus_cli.jobs.job import QUALITIES, Job, Machine, Outputs, Reading
 from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
-from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
     NAMES_OF_OPTIONS,
     lens_file_reading,
@@ -50,6 +49,8 @@ from defocus_cli.jobs.shot_lenses import animated, read_animation_table
 from defocus_cli.jobs.shots import read_together, with_shot
 from defocus_cli.jobs.splits import read_splits
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.quantities import pixel_count
 from defocus_cli.system.errors import UsageProblem
 
 TABLES = (

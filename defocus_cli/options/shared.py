@@ -14,14 +14,8 @@ from typing import Any
 import click
 
 from defocus_cli.formats.kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
-from defocus_cli.jobs.job import (
-    DEVICES,
-    QUALITIES,
-    TILES,
-    Machine,
-    Outputs,
-)
-from defocus_cli.jobs.quantities import byte_count, pixel_count
+from defocus_cli.jobs.job import DEVICES, QUALITIES, TILES, Machine, Outputs
+from defocus_cli.lenses.quantities import byte_count, pixel_count
 from defocus_cli.options.types import (
     Command,
     Decorator,

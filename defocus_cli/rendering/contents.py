@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_cli.exr.views import name_in_view
 from defocus_cli.exr.windows import Layout, Window
-from defocus_cli.rendering.noisy_planes import noisy
-from defocus_cli.rendering.opening import disparity_of
+from defocus_cli.look.noisy_planes import noisy
+from defocus_cli.look.opening import disparity_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,7 +64,7 @@ def contents_of(rendering: Rendering, kind: Kind) -> Contents:
 
 def _focus(rendering: Rendering) -> Contents:
     """The picture shown in false colour."""
-    from defocus_cli.rendering.focus_picture import focus_planes
+    from defocus_cli.look.focus_picture import focus_planes
 
     color = rendering.color
     (radius,) = _shown(color, [rendering.radius])

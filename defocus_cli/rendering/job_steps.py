@@ -132,10 +132,8 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
     if "depth" in job.outputs.kinds and loaded.depth.is_radius:
         problem = "holds radii, of which no depth can be written"
         raise InputError(loaded.depth.path, problem, "leave depth out of the outputs")
-    lens = shot_focused(job, loaded.depth, _read_for)
-    decided = None
-    if job.outputs.need_rendering:
-        decided = shot_repair(job, lens, loaded.depth, _read_for)
+    lens = shot_focused(job, loaded, _read_for)
+    decided = shot_repair(job, lens, loaded, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
     likely = implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale)
     if loaded.plate is not None:
@@ -151,10 +149,7 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         depth_note=loaded.depth.note,
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
-        warnings=(
-            *likely,
-            *_warnings(loaded),
-        ),
+        warnings=(*likely, *_warnings(loaded)),
         decided=decided,
         shot_note=decided_words(job.shot, decided),
     )

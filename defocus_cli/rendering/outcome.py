@@ -8,7 +8,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.elements.plate import Plate, alpha_behind_colors, nothing_of
-from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.jobs.job import Job
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.depth_repair import repair_words
 from defocus_cli.rendering.memory_budget import Holding
 
@@ -61,6 +62,11 @@ class Loaded:
         if self.plate is not None:
             return alpha_behind_colors(part, len(self.color.light))
         return part if self.layers is None else self.layers.in_order(part)
+
+    @property
+    def is_layered(self) -> bool:
+        """Whether it is rendered as layers, whose depth is not repaired."""
+        return self.plate is not None or self.layers is not None
 
     @property
     def nothing(self) -> Any:

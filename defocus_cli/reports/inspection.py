@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.windows import NO_OVERSCAN
 from defocus_cli.formats.kinds import KINDS, NO_DEPTH
-from defocus_cli.jobs.job import Lens, Picture, Reading
+from defocus_cli.jobs.job import Picture, Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.reports.figures import color_figures, depth_figures, ends_of, read_picture
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError, UserError

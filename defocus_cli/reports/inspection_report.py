@@ -7,7 +7,7 @@ from typing import Any
 
 from defocus_cli.exr.windows import Window
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import lens_record_words
+from defocus_cli.lenses.lens import lens_record_words
 from defocus_cli.reports.inspection import range_key
 from defocus_cli.system.console import counted
 

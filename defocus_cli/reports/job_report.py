@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import lens_record, lens_record_words, lens_words
+from defocus_cli.lenses.lens import lens_record, lens_record_words, lens_words
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import counted
 

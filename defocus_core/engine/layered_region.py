@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
 from defocus_core.blur.layer_blur import Sliced
 from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.highlights import Highlights, split_samples
+from defocus_core.compositing.screens import Screen
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
@@ -86,13 +89,11 @@ class LayeredRegion(Region):
             total = [so_far + share * weight for so_far, share in zip(total, shares, strict=True)]
         return total
 
-    def _drawn(
-        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
-    ) -> Tensor:
+    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
         """The discs of highlights; what hides a part of a light is in its coverage already."""
-        solid = self._solid
-        places = position(solid, self._frame.slices.radii)
-        return super()._drawn(highlights, solid, places, core)
+        places = position(self._solid, self._frame.slices.radii)
+        solid = Screen(self._solid, places, torch.ones_like(places))
+        return super()._drawn(highlights, [solid], core)
 
     def _within(self, samples: Sampled, signed_radius: Tensor) -> Samples:
         """The samples that reach the tiles, of the pixels of the rectangle around."""

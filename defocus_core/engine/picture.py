@@ -11,6 +11,7 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.engine.draft_enlarging import Enlarging
+from defocus_core.engine.field import darkened
 from defocus_core.engine.preparation import frame_of
 from defocus_core.engine.region_schedule import rendered_regions
 from defocus_core.engine.settings import Settings
@@ -97,6 +98,7 @@ class Picture:
             quality,
             self._hidden,
             quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
             layered=layered,
         )
         self._enlarging: Enlarging | None = None
@@ -127,7 +129,11 @@ class Picture:
             at_once=at_once,
             progress=progress,
         )
-        return self._enlarging.enlarged(parts) if self._enlarging else parts
+        parts = self._enlarging.enlarged(parts) if self._enlarging else parts
+        cat_eye = self.frame.settings.cat_eye
+        if cat_eye is None or not cat_eye.vignetting:
+            return parts
+        return (darkened(part, cat_eye, self.size) for part in parts)
 
 
 def _is_blurred(signed_radius: Pixels) -> bool:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.blur.field_blend import CORNERS
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.unchanged_parts import blurred_part
@@ -21,8 +22,8 @@ from defocus_core.images.neighbourhoods import extreme_around
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import BLOCK, Grid, regions
 from defocus_core.layers.block_index import blocks_of, visible_slices
+from defocus_core.layers.edge_surfaces import EDGE
 from defocus_core.layers.ladder import position
-from defocus_core.layers.matting import EDGE
 from defocus_core.runtime.threads import AHEAD
 from defocus_core.stream import Stream
 
@@ -110,7 +111,9 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.content.edges * 0.7
     enlarged = 3 * stream.at_half_size * pixels * sample * isinstance(stream.image, Tensor)
-    spectra = 2 * _bytes_of_spectra(frame)
+    # each region has kernels of its own where the pupil changes over the frame
+    versions = 1 if frame.settings.cat_eye is None else CORNERS * at_once
+    spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
     whole = _FIXED + coarse + enlarged + spectra + repaired
     return whole + threads * _OF_THREAD + at_once * (region + result)

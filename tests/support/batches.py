@@ -13,8 +13,9 @@ from command_line import Ran, pair, render
 
 from defocus_cli.batch import pipeline
 from defocus_cli.batch.plan import Chunk, Done, Execute
-from defocus_cli.jobs.job import Job, lens_record
+from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
+from defocus_cli.lenses.lens import lens_record
 from defocus_cli.options.batch import Crew
 
 JOBS = """

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from defocus_cli.jobs.job import Draw, Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_cli.journal import identity
 from defocus_cli.journal.plain_values import plain, typed
+from defocus_cli.lenses.lens import Draw, Lens
 from defocus_core.renderer_version import RENDERER_VERSION
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
