@@ -12,6 +12,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import color_exr, depth_exr, ramp, refused, run, texture, write_exr
+from deep_files import write_deep_samples
 from elements import disc, element, write
 
 from defocus_cli.commands.help import TOPICS
@@ -64,6 +65,9 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ball = element(disc())
     both_views = ball | {f"left.{channel}": plane for channel, plane in ball.items()}
     write(tmp_path / "ball.exr", both_views, multiView=["right", "left"])
+    for number, name in enumerate(("hair", "body")):
+        sample = {"R": 0.1, "G": 0.2, "B": 0.1, "A": 0.5, "Z": 1.5 + number}
+        write_deep_samples(tmp_path / f"{name}_deep.exr", [[[sample] * 2] * 16] * 12)
     vectors = {f"ViewLayer.Vector.{name}": np.zeros_like(depth) for name in "XYZW"}
     for frame in range(1001, 1004):
         write_exr(tmp_path / f"shot.{frame}.exr", **planes, **vectors)

@@ -67,6 +67,7 @@ Examples:
 @shared.output_options
 @shared.hidden_option
 @shared.over_options
+@shared.holdout_option
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -86,6 +87,7 @@ def command(
     outputs: Outputs,
     hidden: tuple[Path, Path] | None,
     over: tuple[Path, Path | None] | None,
+    holdout: tuple[Path, None] | None,
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -95,7 +97,7 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    given = {"hidden": hidden, "over": over}
+    given = {"hidden": hidden, "over": over, "holdout": holdout}
     others = {role: paths for role, paths in given.items() if paths is not None}
     pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
     jobs = [

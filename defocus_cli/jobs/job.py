@@ -17,7 +17,7 @@ from defocus_cli.lenses.lens import Lens
 QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
-OTHERS = ("hidden", "over")  # pictures that belong to another one
+OTHERS = ("hidden", "over", "holdout")  # pictures that belong to another one
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -31,6 +31,7 @@ class Picture:
         depth: its depth file; of a plate that has none its colour file.
         hidden: a picture of what lies behind the visible surface, where that is known.
         over: the plate that it lies over, if it is an element.
+        holdout: a deep picture that hides what is behind it and shows nothing.
         frame: its number in a shot.
     """
 
@@ -39,11 +40,12 @@ class Picture:
     depth: Path
     hidden: Picture | None = None
     over: Picture | None = None
+    holdout: Picture | None = None
     frame: int | None = None
 
     @property
     def others(self) -> dict[str, Picture]:
-        """The pictures of the same scene that belong to it, by role: hidden, over."""
+        """The pictures of the same scene that belong to it, by role: hidden, over, holdout."""
         found = {role: getattr(self, role) for role in OTHERS}
         return {role: picture for role, picture in found.items() if picture is not None}
 
@@ -83,6 +85,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    map_format: str = "exr"  # or tiff, of float32, too
     keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
@@ -97,7 +100,9 @@ class Outputs:
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
-        names = {k.name: f"{k.name}/{stem}{k.suffix(self.format)}" for k in self.rows}
+        names = {
+            k.name: f"{k.name}/{stem}{k.suffix(self.format, self.map_format)}" for k in self.rows
+        }
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
@@ -171,6 +176,7 @@ class Job:
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
     shot: Shot | None = None
+    split: str = ""  # of a dataset; it changes nothing in the outputs
 
     @property
     def files(self) -> dict[str, Path]:

@@ -63,6 +63,7 @@ def revived(record: Record, out: Path) -> Job:
             ),
             asked["suffix"],
             shot,
+            record.get("split", ""),
         )
         if set(job.names.values()) != {stamp["path"] for stamp in record["outputs"].values()}:
             raise ValueError("its settings name other files than its outputs")

@@ -56,7 +56,7 @@ def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
         UsageProblem: the picture is of layers, which have one radius for all colours.
     """
     names = loaded.color.channels
-    every = Colors(tuple(range(len(names))))
+    every = Colors(tuple(range(len(loaded.color.planes))))
     lens = outcome.lens
     coloured = lens.aperture_image is not None and len(pupil_images(lens.aperture_image)) > 1
     if not (coloured or lens.axial_color) or "R" not in names:
@@ -70,7 +70,7 @@ def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
         raise UsageProblem(option, problem, remedy)
     offsets = color_offsets(lens, outcome.size) if lens.axial_color else (0.0, 0.0)
     red, blue = names.index("R"), names.index("B")
-    others = tuple(c for c in every.channels if names[c] not in "RB")
+    others = tuple(c for c in every.channels if c not in (red, blue))
     if offsets[0] == offsets[1] and not coloured:
         return [Colors((red, blue), offsets[0]), Colors(others)]
     return [

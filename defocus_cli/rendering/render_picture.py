@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.layers import layered
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
@@ -21,7 +22,6 @@ from defocus_cli.rendering.colors_apart import (
     transposed,
     turned_layer,
 )
-from defocus_cli.rendering.deep_picture import layered
 from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
 _MANY_CLAMPED = 0.01
+_TRUSTED = 0.99  # share of the lens
 
 
 def rendered(
@@ -72,10 +73,10 @@ def rendered(
         repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
-        stats={**stream.stats, **scratch},
+        stats={**stream.stats, "pixels_invented": images.invented, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
+    return loaded.rendering(outcome, radius, images.planes, images.clamped)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -111,9 +112,9 @@ def _fill(
                         memory.keep_freed(False)
                         memory.trim()
                 shown = progress and partial(_of_all, progress, number, len(colors))
+                images.invented = 0  # of one rendering
                 for part in stream.regions(at_once, shown):
-                    part = loaded.layers.in_order(part) if loaded.layers else part
-                    images.place(part, color)
+                    images.place(loaded.in_order(part), color)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -168,13 +169,18 @@ def stream_of(
         edge_width=job.reading.edge_width,
         decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
     )
-    if loaded.plate is not None:
-        layers = layers_of(loaded.color, loaded.plate, radius.arrays, device, longer)
-        return Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
     if loaded.layers is not None:
-        known = layered(loaded.layers, lens, loaded.holding.keeping, device, longer)
+        keeping = loaded.holding.keeping
+        of_layers = [times(radius_map(lens, d, keeping)[0], longer) for d in loaded.layers.depths]
+        known = layered(loaded.layers, of_layers, device)
         if known.open or known.number > 1:
             return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
+    elif loaded.plate is not None:
+        own, behind = (times(array, longer) for array in radius.arrays)
+        layers, repair = layers_of(loaded.color, loaded.plate, (own, behind), settings, device)
+        stream = Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        stream.repair = repair
+        return stream
     radii: Pixels = Windows([times(radius, longer, longer * px)], device, lone=True)
     behind = of_colors(_hidden(loaded, outcome, seen, longer), channels, longer * px, image)
     if turned:
@@ -196,16 +202,14 @@ class _Images:
     Attributes:
         planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
-        self._order = list(range(channels))
-        if loaded.plate is not None:  # the alpha of layers is their last channel
-            alpha = len(loaded.color.light)
-            self._order.insert(alpha, self._order.pop())
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
+        self.invented = 0
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue
@@ -226,6 +230,7 @@ class _Images:
         if colors.turned:
             top, left, height, width = left, top, width, height
         rows, columns = slice(top, top + height), slice(left, left + width)
+        self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
             if bool(turned := KINDS[kind].turned) != colors.turned:
                 continue
@@ -233,9 +238,7 @@ class _Images:
             views = [to_array(getattr(part, view)) for view in names]
             if turned:
                 views = [view.swapaxes(-1, -2) for view in views]
-            if KINDS[kind].image and self._order != sorted(self._order):
-                views = [view[self._order] for view in views]
-            if KINDS[kind].image and len(colors.channels) < len(self._order):
+            if KINDS[kind].image and len(colors.channels) * len(views) < len(planes):
                 apart, some = len(planes) // len(views), colors.channels
                 planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
             pixels = views[0] if len(views) == 1 else np.concatenate(views)

@@ -16,7 +16,7 @@ from defocus_cli.rendering.shot_decisions import Read
 from defocus_cli.shots.motion_channels import Motion, read_motion
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import bands
-from defocus_cli.system.errors import InputError, TooLarge
+from defocus_cli.system.errors import InputError, TooLarge, UsageProblem
 
 if TYPE_CHECKING:
     import torch
@@ -41,10 +41,17 @@ def with_neighbours(
         loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         read: decodes the picture of a job.
+
+    Raises:
+        InputError: a neighbour cannot be read, or is unlike the frame.
+        UsageProblem: motion is of no use for it.
     """
     job, repair, seen = outcome.job, outcome.decided, None
     if job.shot is None or len(job.shot.window) < _FEWEST:
         return outcome, radius, None
+    if loaded.is_layered and job.shot.motion is not None:
+        problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
+        raise UsageProblem("--motion", problem, "leave it out")
     quiets = repair is not None and repair.noise is not None
     if not quiets and job.shot.motion is None:
         return outcome, radius, None

@@ -9,7 +9,7 @@ bright disc.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
@@ -19,6 +19,7 @@ from torch.nn.functional import pad
 from defocus_core.blur.fourier import reach
 from defocus_core.compositing.disc_occlusion import Obstruction, Squares
 from defocus_core.compositing.highlights import Highlights
+from defocus_core.compositing.screens import Screen
 from defocus_core.images.box import Box
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import Rim
@@ -55,8 +56,7 @@ class _Alike(NamedTuple):
 
 def draw(
     highlights: Highlights,
-    signed_radius: Tensor,
-    places: Tensor,
+    screens: Sequence[Screen],
     radii: tuple[float, ...],
     aperture: Aperture,
     parts: list[Part],
@@ -67,17 +67,16 @@ def draw(
 
     Args:
         highlights: As `highlights.split` finds them.
-        signed_radius: [H, W] px of all pixels.
-        places: [H, W] positions of all pixels on the ladder.
-        radii: The ladder.
+        screens: The surfaces of all pixels.
+        radii: The ladder of their slices.
         aperture: The pupil.
         parts: M parts of the pupil.
         box: The rectangle of the frame to draw.
         barrel: The rim that clips the pupil, as each highlight sees it.
     """
-    most = max(*places.shape, box.top + box.height, box.left + box.width)
+    most = max(*screens[0].places.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
-    obstruction = Obstruction(signed_radius.detach(), places.detach(), radii)
+    obstruction = Obstruction(screens, radii)
     for alike in _alike(highlights, most, box, barrel):
         squares = Squares.of(alike.extent)
         rims, cut = [], []
@@ -92,7 +91,7 @@ def draw(
             chunk = alike.between(start, start + step)
             for m, rim in enumerate(rims):
                 canvas.add_rims(m, rim, chunk)
-            at, r = chunk.highlights.at, chunk.highlights.signed_radius.detach()
+            at, r = chunk.highlights.at, chunk.highlights.signed_radius
             for occluded in obstruction.occluded(at, r, squares, wanted[chunk.which]):
                 which = chunk.which[occluded.light]
                 for m, kernels in enumerate(cut):

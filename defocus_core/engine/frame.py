@@ -30,6 +30,7 @@ class Content(NamedTuple):
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
         quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
+        uncertain: Whether edges of depth were soft or averages.
         signed: Whether pixels are negative (colours outside the gamut).
         limit: Brightness that a highlight exceeds.
     """
@@ -38,6 +39,7 @@ class Content(NamedTuple):
     edges: bool
     tilted: bool
     quantised: bool
+    uncertain: bool
     signed: bool
     limit: float
 

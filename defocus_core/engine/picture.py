@@ -34,6 +34,7 @@ class Picture:
         frame: The frame, in px or in cells.
         image: [C, h, w] pixels to render; at half size cells, with one channel more.
         signed_radius: [h, w] radii to render by, in px or in cells.
+        layered: The layers of which it is the picture; None for a picture of its own.
         reaching: [h, w] the radii whose light reaches farthest, in px or in cells.
     """
 
@@ -76,7 +77,7 @@ class Picture:
                 decided=settings.decided,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
-        self._layered = layered
+        self.layered = layered
         if layered is not None:
             quality = quality.of_layers(layered.number)
         by_scene = quality.half_size and settings.by_scene
@@ -97,6 +98,7 @@ class Picture:
             quality,
             self._hidden,
             quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
             layered=layered,
         )
         self._enlarging: Enlarging | None = None
@@ -122,7 +124,7 @@ class Picture:
             self.image,
             self.signed_radius,
             self._hidden,
-            layered=self._layered,
+            layered=self.layered,
             reaching=self.reaching,
             at_once=at_once,
             progress=progress,

@@ -38,6 +38,7 @@ def frame_of(
     hidden: Behind | None,
     *,
     quantised: bool = False,
+    uncertain: bool = False,
     layered: Layered | None = None,
 ) -> Frame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
@@ -49,6 +50,7 @@ def frame_of(
         quality: Settings of the quality, in px or in cells.
         hidden: The known layer behind the visible surface.
         quantised: Whether radii had few levels before they were repaired.
+        uncertain: Whether edges of depth were soft or averages before they were repaired.
         layered: The layers of which `pixels` and `signed_radius` are the picture.
 
     Raises:
@@ -62,6 +64,7 @@ def frame_of(
         edges=layered is not None or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
         quantised=quantised,
+        uncertain=uncertain,
         signed=survey.darkest < 0,
         limit=threshold(survey.brightness, survey.brightest),
     )

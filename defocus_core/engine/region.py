@@ -6,6 +6,9 @@ part of the aperture. Hidden layers fill the gaps of visible ones; in focus they
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+
 import torch
 from torch import Tensor
 
@@ -16,6 +19,7 @@ from defocus_core.compositing.bokeh_discs import draw
 from defocus_core.compositing.frame_border import own_light, share_in_frame
 from defocus_core.compositing.highlights import Highlights, split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
+from defocus_core.compositing.screens import Screen, screens_of
 from defocus_core.engine.field import corner_rims, frame_at, rims_of
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
@@ -95,7 +99,8 @@ class Region:
             self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
         self._highlights: Tensor | None = None
         if highlights and places is not None:
-            self._highlights = self._drawn(highlights, signed_radius, places, inmost)
+            screens = screens_of(own, signed_radius, places, slices.radii)
+            self._highlights = self._drawn(highlights, screens, inmost)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box
@@ -104,16 +109,15 @@ class Region:
         frame = self._frame
         pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
-        own = (unmixed if unmixes else whole)(pixels, signed_radius)
+        unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
+        own = unmix(pixels, signed_radius)
         return own, signed_radius, highlights
 
-    def _drawn(
-        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
-    ) -> Tensor:
-        """The discs of highlights behind surfaces [H, W], for each part of the aperture."""
+    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
+        """The discs of highlights behind surfaces, for each part of the aperture."""
         radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
         barrel = rims_of(self._frame, highlights.at, core, self._grid.box)
-        return draw(highlights, signed_radius, places, radii, aperture, parts, core, barrel)
+        return draw(highlights, screens, radii, aperture, parts, core, barrel)
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
         """For each group the shares of its parts that look into the frame; None if all are 1."""

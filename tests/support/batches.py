@@ -110,6 +110,8 @@ def _pretended(job: Job, out: Path) -> dict[str, Any]:
         "coc_px": [0.0, 1.0],
         "color_note": "",
         "depth_note": "",
+        "depth_repair": None,
+        "measures": {},
         "device": "cpu",
         "quality": "standard",
         "warnings": [],
