@@ -10,6 +10,8 @@ import pytest
 from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run
 from image_files import save
 
+from defocus_cli.dataset.finished import samples
+
 SIZE = 48
 SHAPES = {
     "blade-curvature": ("--blades", "5", "--blade-curvature", "0.6"),
@@ -372,3 +374,35 @@ def test_each_colour_sees_its_own_part_of_a_coloured_opening(
     assert "is coloured" in ran.err
     high = ("-o", tmp_path / "high", *lens, *options, "--quality", "high")
     assert run("render", *light, *high).code == 0
+
+
+def test_looks_are_swept_and_drawn_in_jobs_files(light: tuple[Path, Path], tmp_path: Path) -> None:
+    np.save(tmp_path / "pupil.npy", np.ones((4, 4)))
+    head = f'[inputs]\ncolor = "{light[0]}"\ndepth = "{light[1]}"\n'
+    lens = '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
+    sweeps = {
+        'spherical = "-0.5..0.5 @ 3 in steps"': ("ring-0.5", "ring0", "ring0.5"),
+        'sharp-range = ["1m..3m", "40m..60m"]': ("sharp1m-3m", "sharp40m-60m"),
+        'dp-model = ["split", "smooth"]\ncat-eye = ["1:1"]': ("rim1.0x1.0_dpsplit",),
+        'aperture-image = ["pupil.npy"]': ("pupilpupil",),
+        'noise = ["500:2"]\nhighlights = ["auto", "off"]': ("lightsoff_noise500.0x2.0",),
+        'axial-color = ["0.1mm:0.1mm"]\nvignetting = ["off"]': ("axial0.1x0.1_vignettingoff",),
+    }
+    for number, (sweep, names) in enumerate(sweeps.items()):
+        jobs = tmp_path / f"jobs{number}.toml"
+        jobs.write_text(f"{head}{lens}[sweep]\n{sweep}\n")
+        out = tmp_path / f"out{number}"
+        ran = run("batch", jobs, "-o", out, "--processes", "1")
+        assert ran.code == 0, ran.err
+        written = {path.stem for path in (out / "render").glob("*.exr")}
+        assert {f"rgb_{name}" for name in names} <= written
+    jobs = tmp_path / "drawn.toml"
+    drawn_from = 'obstruction = "uniform(0.1, 0.5)"\nsqueeze = "choice(1, 2)"\n'
+    jobs.write_text(f"{head}{lens}[sample]\nn = 2\nseed = 1\n{drawn_from}")
+    ran = run("batch", jobs, "-o", tmp_path / "drawn", "--processes", "1")
+    assert ran.code == 0, ran.err
+    found = list(samples(tmp_path / "drawn"))
+    obstructions = [sample.record["lens"]["obstruction"] for sample in found]
+    assert len(set(obstructions)) == 2
+    assert all(0.1 <= value <= 0.5 for value in obstructions)
+    assert [sample.lens.obstruction for sample in found] == obstructions

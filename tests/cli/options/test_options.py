@@ -79,7 +79,7 @@ def test_help_shows_options_under_their_headings() -> None:
         (
             "--outputs",
             "render,bokeh",
-            "'bokeh' is no output; write like render,left,right,coc,disparity",
+            "'bokeh' is no output; write like render,left,right,up,down,coc,disparity",
         ),
         ("--outputs", "", "'' is no output; write like render"),
         ("--threads", "0", "x>=1"),
