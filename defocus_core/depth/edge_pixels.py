@@ -32,10 +32,10 @@ from defocus_core.layers.edge_surfaces import (
 from defocus_core.runtime.threads import threaded
 
 # Standard deviation of the weights of the pixels around, in px, and of the share expected by them.
-_NEARBY, _UNCERTAIN = 0.8, 0.2
+_NEARBY, _UNCERTAIN = 1.2, 0.12
 # Least distance of a share from a half that is a vote; and the share of votes for the other side of
 # the edge from which on pixels are beside their surface.
-_CLEAR, _MANY = 0.2, 0.1
+_CLEAR, _MANY = 0.2, 0.08
 # Px around a pixel that decide what it becomes.
 AROUND = AROUND_SURFACES + 1
 
