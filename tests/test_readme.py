@@ -6,6 +6,7 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for path in (*(Path("sample_scenes", name) for name in SCENES), Path()):
         color_exr(tmp_path / path / "rgb.exr")
         depth_exr(tmp_path / path / "depth.exr")
+    shutil.copy(ROOT / "sample_scenes" / "training.py", tmp_path / "sample_scenes")
     color, depth = texture(), ramp()
     color_exr(tmp_path / "behind.exr", color)
     depth_exr(tmp_path / "z.exr", depth + 4)
