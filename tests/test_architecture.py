@@ -33,7 +33,7 @@ CORE_ORDER = (
 )
 CLI_ORDER = (
     *("__main__", "main", "pytest_plugin", "commands", "options", "html", "bench", "reports"),
-    *("golden", "batch", "dataset", "journal", "rendering", "look", "elements"),
+    *("golden", "batch", "dataset", "journal", "rendering", "depth", "look", "elements"),
     *("compare", "diagnosis"),
     *("jobs", "lenses", "shots", "depth_formats", "formats", "exr", "system", "__init__"),
 )

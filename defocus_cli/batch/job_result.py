@@ -16,12 +16,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.repair import repair_record
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
 from defocus_cli.journal.reasons import Step, verdict
 from defocus_cli.lenses.lens import lens_record
 from defocus_cli.rendering import delivery, job_steps
-from defocus_cli.rendering.depth_repair import repair_record
 from defocus_cli.rendering.measures import measures
 
 if TYPE_CHECKING:

@@ -128,8 +128,8 @@ def read(shot: Shot) -> Pictures:
     """
     import torch
 
+    from defocus_cli.depth.focusing import signed_radius
     from defocus_cli.depth_formats.depth import read_depth, require_valid
-    from defocus_cli.rendering.focusing import signed_radius
 
     depth = read_depth(shot.folder / "depth.exr")
     require_valid(depth)

@@ -37,7 +37,7 @@ class Lens:
     """A thin lens, lengths in mm.
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
-    the depth; `defocus_cli.rendering.focusing.focused` finds the distance. Where a file holds radii
+    the depth; `defocus_cli.depth.focusing.focused` finds the distance. Where a file holds radii
     instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
     """
 

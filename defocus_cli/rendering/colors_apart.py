@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from defocus_cli.depth.focusing import color_offsets
 from defocus_cli.lenses.lens import Lens
 from defocus_cli.look.opening import pupil_images
-from defocus_cli.rendering.focusing import color_offsets
 from defocus_cli.rendering.outcome import Loaded, Outcome
 from defocus_cli.system.errors import UsageProblem
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from defocus_cli.depth.repair import repair_attribute
 from defocus_cli.lenses.quantities import length_text
 from defocus_cli.rendering.contents import contents_of
-from defocus_cli.rendering.depth_repair import repair_attribute
 from defocus_cli.system.arrays import Beside, Stack
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.focusing import quality_of, radius_map
+from defocus_cli.depth.implausible import implausible
 from defocus_cli.elements.deep import layers_of_scene
 from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Either
@@ -13,8 +15,6 @@ from defocus_cli.elements.plate import read_over
 from defocus_cli.exr.views import require_view
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
-from defocus_cli.rendering.focusing import quality_of, radius_map
-from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.rendering.render_picture import rendered
@@ -236,10 +236,10 @@ def read(
         InputError: a file cannot be used.
         UsageProblem: the options make no sense for it.
     """
+    from defocus_cli.depth.resizing import of_size
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.elements.alpha import element_depth
     from defocus_cli.formats.color import read_color, require_finite
-    from defocus_cli.rendering.resized_depth import of_size
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)

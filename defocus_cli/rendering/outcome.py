@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.repair import repair_words
 from defocus_cli.elements.plate import Plate, alpha_behind_colors, nothing_of
 from defocus_cli.jobs.job import Job
 from defocus_cli.lenses.lens import Lens
-from defocus_cli.rendering.depth_repair import repair_words
 from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:

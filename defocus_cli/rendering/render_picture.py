@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.focusing import radius_at_infinity, radius_map
 from defocus_cli.elements.layers import layered
 from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
@@ -22,7 +23,6 @@ from defocus_cli.rendering.colors_apart import (
     transposed,
     turned_layer,
 )
-from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory

@@ -52,7 +52,8 @@ def repaired_picture(
     """
     import torch
 
-    from defocus_cli.rendering import focusing, job_steps
+    from defocus_cli.depth import focusing
+    from defocus_cli.rendering import job_steps
     from defocus_core import repair_depth
 
     color, depth = job_steps.read(picture, reading, keeping, lens.foclen / lens.sensor_width)

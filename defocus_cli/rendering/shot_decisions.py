@@ -12,14 +12,14 @@ from functools import lru_cache
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.job import Job, Shot, Taken
-from defocus_cli.lenses.lens import Lens
-from defocus_cli.rendering.focusing import (
+from defocus_cli.depth.focusing import (
     focused,
     lens_scale,
     radius_at_infinity,
     radius_map,
 )
+from defocus_cli.jobs.job import Job, Shot, Taken
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.memory_budget import holding
 from defocus_cli.rendering.outcome import Loaded
 from defocus_cli.shots.frame_patterns import in_words

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.focusing import radius_map
 from defocus_cli.jobs.job import Job
 from defocus_cli.lenses.lens import Lens
-from defocus_cli.rendering.focusing import radius_map
 from defocus_cli.rendering.memory_budget import capacity_mb
 from defocus_cli.rendering.outcome import Loaded, Outcome
 from defocus_cli.rendering.shot_decisions import Read

@@ -75,8 +75,8 @@ def depth_figures(
     """
     import numpy as np
 
-    from defocus_cli.rendering import focusing
-    from defocus_cli.rendering.depth_repair import repair_record, repair_words
+    from defocus_cli.depth import focusing
+    from defocus_cli.depth.repair import repair_record, repair_words
 
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
@@ -142,9 +142,9 @@ def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
-    from defocus_cli.rendering import focusing
-    from defocus_cli.rendering.depth_repair import repair_found
-    from defocus_cli.rendering.implausible_depth import implausible_radii
+    from defocus_cli.depth import focusing
+    from defocus_cli.depth.implausible import implausible_radii
+    from defocus_cli.depth.repair import repair_found
 
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radius, ends = focusing.radius_map(lens, depth, keeping)

@@ -101,9 +101,9 @@ def convert(place: Place, reading: Reading) -> Converted:
     with put_off():
         import numpy as np
 
+    from defocus_cli.depth.implausible import implausible_file
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.exr.writing import write_exr
-    from defocus_cli.rendering.implausible_depth import implausible_file
 
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"
