@@ -34,6 +34,8 @@ from defocus_core.layers.quality import QUALITIES
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.axial_color import color_offset
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.optics.sensor_noise import with_noise
@@ -55,6 +57,7 @@ __all__ = [
     "SCENE_KINDS",
     "Aperture",
     "Behind",
+    "CatEye",
     "Check",
     "Cost",
     "DefocusLens",
@@ -81,6 +84,7 @@ __all__ = [
     "cells_bytes",
     "chained",
     "cheapest_within",
+    "color_offset",
     "cost",
     "depth_from_disparity",
     "depth_from_logarithm",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Lens
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 
 if TYPE_CHECKING:

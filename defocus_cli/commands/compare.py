@@ -101,7 +101,7 @@ def command(
     if junit is not None:
         write_junit(junit, records, time.perf_counter() - start)
     if html is not None:
-        words = [f"A: {a}", f"B: {b}"]
+        words = [f"A: {a}", f"B: {b}", *comparisons.setting_lines(settings)]
         commands = comparisons.compare_commands(rules.of, settings)
         title = f"{b} compared with {a}"
         occasion = comparisons.Occasion(title, words, commands)

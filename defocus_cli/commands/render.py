@@ -13,10 +13,11 @@ from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
 from defocus_cli.dataset.contact_sheet import kind_of_sheet, write_contact_sheet
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.pairing import find_pictures, whole_shot
 from defocus_cli.jobs.shot_lenses import ShotLenses
 from defocus_cli.jobs.shots import with_shot
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
@@ -66,6 +67,7 @@ Examples:
 @shared.output_options
 @shared.hidden_option
 @shared.over_options
+@shared.holdout_option
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -85,6 +87,7 @@ def command(
     outputs: Outputs,
     hidden: tuple[Path, Path] | None,
     over: tuple[Path, Path | None] | None,
+    holdout: tuple[Path, None] | None,
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -94,7 +97,7 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    given = {"hidden": hidden, "over": over}
+    given = {"hidden": hidden, "over": over, "holdout": holdout}
     others = {role: paths for role, paths in given.items() if paths is not None}
     pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
     jobs = [

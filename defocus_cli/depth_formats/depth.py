@@ -21,7 +21,6 @@ from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     import numpy as np
@@ -158,35 +157,6 @@ def read_depth(
         overscan=overscan,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
-
-
-def decoded_alike(
-    planes: Sequence[Any],
-    reading: DepthReading,
-    like: Depth,
-    *,
-    keeping: Keeping,
-    size: tuple[int, int],
-    lens_focal: float | None,
-) -> list[Any]:
-    """Metres of further numbers of a depth file, which are read as those of a depth map of it.
-
-    Args:
-        planes: numbers [H, W] of the same channel; overwritten if they are float32.
-        reading: what the user says of the file.
-        like: the depth map.
-        keeping: where metres are kept.
-        size: width and height of the colour as it is shown.
-        lens_focal: as in `read_depth`.
-    """
-    metres = []
-    for plane in planes:
-        samples = Samples(plane, "EXR", "", channel=like.channel)
-        decoding = resolved(
-            like.path, reading, samples, picture_width=size[0], lens_focal=lens_focal
-        )
-        metres.append(_decode(samples, decoding, keeping, like.overscan)[0])
-    return metres
 
 
 def require_valid(depth: Depth) -> None:

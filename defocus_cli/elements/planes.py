@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import torch
     from numpy.typing import NDArray
 
-    from defocus_cli.system.arrays import Windows
+    from defocus_core import Pixels
 
 
 class Coverage:
@@ -64,9 +64,9 @@ class Both:
 
 
 class LayerWindows:
-    """Pictures of one size as a source of `defocus_core`: [L, C, H, W] of float32."""
+    """Sources [..., H, W] of one size as one of `defocus_core`: [L, ..., H, W] of float32."""
 
-    def __init__(self, pictures: Sequence[Windows]) -> None:
+    def __init__(self, pictures: Sequence[Pixels]) -> None:
         import torch
 
         self._pictures = pictures

@@ -6,19 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Both, Coverage, LayerWindows
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Picture, Reading
-from defocus_cli.system.arrays import Keeping, Windows, bands, times
+from defocus_cli.system.arrays import Keeping, Windows, bands
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
-    from defocus_core import Layered
+    from defocus_core import DepthRepair, Layered, Settings, Views
 
-    Reader = Callable[[Picture, Reading], tuple[Color, Depth]]
+    Reader = Callable[[Picture, Reading, Overscan], tuple[Color, Depth]]
 
 
 @dataclass(frozen=True)
@@ -36,46 +37,63 @@ class Plate:
     warnings: tuple[str, ...] = ()
 
 
-def read_plate(
-    picture: Picture, reading: Reading, read: Reader, keeping: Keeping, overscan: Overscan
-) -> Plate:
-    """Decode a plate; of the options those that choose among layers and parts are the element's.
+def read_over(
+    picture: Picture, reading: Reading, read: Reader, keeping: Keeping
+) -> tuple[Color, Depth, Plate]:
+    """Decode an element and its plate, with the overscan that both have.
+
+    Of the options those that choose among layers and parts are the element's.
 
     Args:
-        picture: where it is.
+        picture: where they are.
         reading: the options.
-        read: reads colour and depth that belong together.
+        read: reads colour and depth of a picture, with so much overscan at most.
         keeping: where a depth is kept that the plate has not got.
-        overscan: pixels beyond the picture shown that the element has.
+
+    Raises:
+        InputError: a file cannot be read, or the two make no scene.
+    """
+    assert picture.over is not None
+    own = _reading_of_plate(picture.over, reading)
+    color, depth = read(picture, reading, overscan_of(picture.over, own))
+    plate = _plate(picture.over, own, read, keeping, color.overscan)
+    return color, depth, _checked(color, plate)
+
+
+def _reading_of_plate(picture: Picture, reading: Reading) -> Reading:
+    """The options without those that choose among layers and parts of the element."""
+    from defocus_cli.exr.header import is_exr, read_headers
+    from defocus_cli.exr.views import views_of
+    from defocus_cli.system.safe_files import read_head
+
+    exr = is_exr(read_head(picture.color))
+    view = reading.view if exr and views_of(read_headers(picture.color)) else None
+    return replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
+
+
+def _plate(
+    picture: Picture, reading: Reading, read: Reader, keeping: Keeping, overscan: Overscan
+) -> Plate:
+    """A plate, infinitely far if it has no depth.
 
     Raises:
         InputError: a file cannot be read.
     """
-    from defocus_cli.exr.header import is_exr, read_headers
-    from defocus_cli.exr.views import views_of
+    from defocus_cli.exr.header import is_exr
     from defocus_cli.formats.exr_channels import NoDepthChannel
     from defocus_cli.system.safe_files import read_head
 
-    exr = is_exr(read_head(picture.color))
-    has_views = exr and bool(views_of(read_headers(picture.color)))
-    own = replace(
-        reading,
-        color_layer=None,
-        depth_channel=None,
-        part=None,
-        view=reading.view if has_views else None,
-    )
     if picture.depth != picture.color:
-        return Plate(*read(picture, own))
+        return Plate(*read(picture, reading, overscan))
     try:
-        if exr:
-            return Plate(*read(picture, own))
+        if is_exr(read_head(picture.color)):
+            return Plate(*read(picture, reading, overscan))
     except NoDepthChannel:
         pass
-    return _far_away(picture, own, keeping, overscan)
+    return _far_away(picture, reading, keeping, overscan)
 
 
-def check_over(element: Color, plate: Plate) -> Plate:
+def _checked(element: Color, plate: Plate) -> Plate:
     """The plate with warnings of the element over it.
 
     Raises:
@@ -110,27 +128,48 @@ def check_over(element: Color, plate: Plate) -> Plate:
 
 
 def layers_of(
-    element: Color, plate: Plate, radii: tuple[Any, Any], device: str, longer: float
-) -> Layered:
-    """The element before the plate, as layers with coverage.
+    element: Color, plate: Plate, radii: tuple[Any, Any], settings: Settings, device: str
+) -> tuple[Layered, DepthRepair]:
+    """The element before the plate, as layers with coverage, and the repair of its depth.
+
+    The depth of each is repaired alone, as `render` would.
 
     Args:
         element: the colour of the element.
         plate: the plate.
         radii: signed CoC radii [H, W] of both.
-        device: where they are rendered.
-        longer: factor of the radii.
+        settings: of the render.
+        device: where it is rendered.
     """
-    from defocus_core import Layered
+    from defocus_core import Layered, repair_depth
 
     pictures = (element, plate.color)
     size = element.planes[0].shape
     lights = [(*c.light, *c.planes[len(c.channels) :]) for c in pictures]
-    return Layered.of(
+    repaired = [
+        repair_depth(
+            Windows([radius], device, lone=True),
+            Windows(color.planes, device),
+            settings.infinity,
+            settings.threads,
+            depth_repair=settings.depth_repair,
+            edge_width=settings.edge_width,
+        )
+        for color, radius in zip(pictures, radii, strict=True)
+    ]
+    layers = Layered.of(
         LayerWindows([Windows(light, device) for light in lights]),
-        Windows([times(radius, longer) for radius in radii], device),
+        LayerWindows([radius for radius, _ in repaired]),
         Windows([Coverage(size, color.alpha) for color in pictures], device),
     )
+    return layers, repaired[0][1]
+
+
+def alpha_behind_colors(part: Views, colors: int) -> Views:
+    """A rendered part, whose last channel is alpha, with alpha behind the colours."""
+    last = len(part.images[0]) - 1
+    order = [*range(colors), last, *range(colors, last)]
+    return part._replace(images=[image[order] for image in part.images])
 
 
 def nothing_of(element: Depth, plate: Plate) -> Any:

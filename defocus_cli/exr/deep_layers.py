@@ -96,7 +96,7 @@ def deep_layers(
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}
     wanted = (*names, ALPHA, DEPTH)
-    for strip in strips(path, header):
+    for strip in strips(path, header, last=True):
         strip, count = merged(strip, (*names, ALPHA))
         crowded += count
         while len(layers) < strip.most:

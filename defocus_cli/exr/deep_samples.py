@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from defocus_cli.exr.header import Header
 
+HELD_BYTES = 1 << 27
+_held: dict[object, list[Strip]] = {}
 ALPHA, DEPTH, BACK = "A", "Z", "ZBack"
 _ROWS, _PIXELS = 16, 1 << 16  # decoded at once
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
@@ -42,6 +44,12 @@ class Strip(NamedTuple):
     values: dict[str, NDArray[Any]]
 
     @property
+    def nbytes(self) -> int:
+        """Size of its arrays."""
+        arrays = (self.pixel, self.rank, *self.values.values())
+        return sum(array.nbytes for array in arrays)
+
+    @property
     def most(self) -> int:
         """The number of samples of the pixel with most of them."""
         return int(self.rank.max(initial=-1)) + 1
@@ -55,30 +63,94 @@ class Strip(NamedTuple):
         return rows.reshape(self.window.height, self.window.width)
 
 
-@lru_cache(maxsize=32)
-def sample_counts(path: Path, header: Header, changed: float) -> tuple[int, int, int]:
-    """Most samples of a pixel, samples in all, and pixels that have some.
+class Summary(NamedTuple):
+    """Samples of a deep part.
 
-    Args:
-        path: the file.
-        header: of the deep part.
-        changed: time of the last change of the file.
+    Attributes:
+        most: of the pixel that has most.
+        total: in all.
+        pixels: number of pixels that have some.
+        ends: least and greatest finite depth, as it stands in the file; None if there is none.
+    """
+
+    most: int
+    total: int
+    pixels: int
+    ends: tuple[float, float] | None
+
+
+def most_samples(path: Path, header: Header) -> int:
+    """The number of samples of the pixel with most of them.
+
+    Raises:
+        InputError: the file cannot be decoded.
+    """
+    return _most_samples(path, header, _version(path))
+
+
+@lru_cache(maxsize=64)
+def _most_samples(path: Path, header: Header, version: object) -> int:
+    return max((strip.most for strip in strips(path, header)), default=0)
+
+
+def summary(path: Path, header: Header) -> Summary:
+    """The samples of a deep part, in figures.
+
+    Raises:
+        InputError: the file cannot be decoded.
     """
     import numpy as np
 
-    most = every = pixels = 0
-    for strip in strips(path, header, counts_alone=True):
-        most, every = max(most, strip.most), every + len(strip.rank)
+    most = total = pixels = 0
+    ends: list[float] = []
+    for strip in strips(path, header):
+        most, total = max(most, strip.most), total + len(strip.rank)
         pixels += int(np.count_nonzero(strip.rank == 0))
-    return most, every, pixels
+        depth = strip.values.get(DEPTH, np.zeros(0))
+        finite = depth[np.isfinite(depth)]
+        ends += [float(finite.min()), float(finite.max())] if len(finite) else []
+    return Summary(most, total, pixels, (min(ends), max(ends)) if ends else None)
 
 
-def strips(path: Path, header: Header, *, counts_alone: bool = False) -> Iterator[Strip]:
+def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]:
     """The samples of a deep part, some rows at a time.
+
+    Those of one part are held, if they are not too many, until they are read for the last time.
+
+    Args:
+        path: the file.
+        header: of the part.
+        last: whether they are not needed again.
 
     Raises:
         InputError: the file cannot be decoded, or alpha is no coverage.
     """
+    key = path, header.index, _version(path)
+    held = _held.pop(key, None)
+    if held is None:
+        held, size = [], 0
+        for strip in _decoded(path, header):
+            size += strip.nbytes
+            if not last and size <= HELD_BYTES:
+                held.append(strip)
+            yield strip
+        if last or size > HELD_BYTES:
+            return
+    else:
+        yield from held
+    if not last:
+        _held.clear()
+        _held[key] = held
+
+
+def _version(path: Path) -> tuple[int, int]:
+    """What changes with a file: the time of its last change, and its size."""
+    state = path.stat()
+    return state.st_mtime_ns, state.st_size
+
+
+def _decoded(path: Path, header: Header) -> Iterator[Strip]:
+    """The samples of a deep part, decoded some rows at a time."""
     with put_off():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
@@ -106,7 +178,7 @@ def strips(path: Path, header: Header, *, counts_alone: bool = False) -> Iterato
             if data is None or file.has_error:
                 raise _damaged(path, first_line(path, file.geterror()))
             window = Window(x0, top, x1, end - 1)
-            yield _strip(path, data, window, {} if counts_alone else names)
+            yield _strip(path, data, window, names)
     finally:
         file.close()
         oiio.geterror()  # or the next file would be blamed
@@ -118,18 +190,17 @@ def _strip(path: Path, data: Any, window: Window, names: Mapping[str, str]) -> S
 
     size = window.width * window.height
     counts = np.fromiter(map(data.samples, range(size)), np.int64, size)
-    pixel = np.repeat(np.arange(size), counts)
+    pixel = np.repeat(np.arange(size, dtype=np.int32), counts)
     rank = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
-    pairs = list(zip(pixel.tolist(), rank.tolist(), strict=True)) if names else []
+    pairs = list(zip(pixel.tolist(), rank.tolist(), strict=True))
+    rank = rank.astype(np.int32)
     values: dict[str, NDArray[Any]] = {}
-    for index in range(data.channels if names else 0):
+    for index in range(data.channels):
         name = data.channelname(index)
         is_whole = names[name] == "uint"
         value = data.deep_value_uint if is_whole else data.deep_value
         numbers = (value(p, index, k) for p, k in pairs)
         values[name] = np.fromiter(numbers, "u4" if is_whole else "f4", len(pairs))
-    if not names:
-        return Strip(window, pixel, rank, values)
     _check_alpha(path, values)
     if BACK in values and DEPTH in values:
         values[DEPTH] = _middle(values[DEPTH], values[BACK])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import MAPS
+from defocus_cli.formats.kinds import NO_DEPTH
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def choose_depth(
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
-    if not candidates and len(every) == 1 and every[0].name not in MAPS:
+    if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
         candidates = every
     if len(candidates) > 1:
         # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".

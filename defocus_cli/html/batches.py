@@ -16,13 +16,13 @@ from typing import Any
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.html.budget import values_room
 from defocus_cli.html.item import Column, Item, Layer, Report
-from defocus_cli.html.layers import window_of, with_values
+from defocus_cli.html.layers import WHOLE, window_of, with_values
 from defocus_cli.html.page import write_report
 from defocus_cli.html.render_command import render_command
 from defocus_cli.html.sample_layers import drawn_files, is_view, wiggle_of
-from defocus_cli.jobs.job import lens_record_words
 from defocus_cli.journal.journal import Record, read_all, require_journal
 from defocus_cli.journal.ledger import Ledger
+from defocus_cli.lenses.lens import lens_record_words
 from defocus_cli.system.spreading import spread
 
 _COLUMNS = (
@@ -87,7 +87,7 @@ def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
         ]
         wanted = room > 0
         planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
-        room -= wanted * math.prod(record["size"]) * planes / _PACKED
+        room -= wanted * min(math.prod(record["size"]), WHOLE) * planes / _PACKED
         yield Sample(files, wanted)
 
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 from defocus_cli.html.item import Item, Layer
 from defocus_cli.html.layers import DIFFERENCE
 
-ROOM = 36_000_000  # characters of payloads; the file is to have less than 40 MB
-_FOR_THUMBNAILS = ROOM // 2
+ROOM = 38_500_000  # characters of items; the file is to have less than 40 MB
+_FRAME = 1500  # characters of an item beside its texts: names of layers, elements of the table
 _THUMBNAILS = 30_000  # characters of the thumbnails of an item
 
 
@@ -24,7 +24,7 @@ def length(data: bytes) -> int:
 
 def values_room(items: int) -> int:
     """The room that so many items leave for values, as a guess before they are drawn."""
-    return ROOM - min(_FOR_THUMBNAILS, items * _THUMBNAILS)
+    return ROOM - min(ROOM // 2, items * _THUMBNAILS)
 
 
 def _thumbnails(item: Item, *, first: bool) -> int:
@@ -59,9 +59,10 @@ class _Purse:
 
 def fitted(items: Sequence[Item]) -> list[Item]:
     """The items without the payloads that there is no room for."""
-    purse = _Purse(_FOR_THUMBNAILS)
+    room = ROOM - sum(map(_text, items))
+    purse = _Purse(room // 2)
     shown = purse.buy(_thumbnails(item, first=True) for item in items)
-    purse.room += ROOM - _FOR_THUMBNAILS
+    purse.room += room - room // 2
     valued = purse.buy(_values(item) + bool(_values(item)) * _rest(item) for item in items)
     beside = purse.buy(0 if n in valued else _rest(item) for n, item in enumerate(items))
     beside |= valued
@@ -73,6 +74,12 @@ def fitted(items: Sequence[Item]) -> list[Item]:
         )
         for n, item in enumerate(items)
     ]
+
+
+def _text(item: Item) -> int:
+    """Characters of the texts of an item, of which its name and words stand there twice."""
+    texts = [*(text for pair in (*item.facts, *item.commands) for text in pair)]
+    return _FRAME + 2 * len(item.name + item.words) + sum(map(len, texts))
 
 
 def _rest(item: Item) -> int:

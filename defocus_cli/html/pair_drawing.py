@@ -133,13 +133,12 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
     """The greatest difference of the channels of each pixel; NaN and Inf of both are none."""
     import numpy as np
 
+    greatest: NDArray[Any] = np.zeros(a[0].shape)
     with np.errstate(all="ignore"):
-        differences = []
         for one, other in zip(a, b, strict=True):
             each = np.abs(np.subtract(other, one, dtype=np.float64))
             each[np.equal(one, other) | (np.isnan(one) & np.isnan(other))] = 0.0
-            differences.append(each)
-    greatest: NDArray[Any] = np.max(np.stack(differences), axis=0)
+            np.maximum(greatest, each, out=greatest)
     return greatest
 
 

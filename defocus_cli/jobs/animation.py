@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs.lens_options import LENGTHS, PARSERS, checked, parsed, refuse_contradiction
-from defocus_cli.jobs.quantities import text_of
 from defocus_cli.jobs.sweep import SCALES
 from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
+from defocus_cli.lenses.quantities import text_of
 from defocus_cli.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
 from defocus_cli.system.errors import InputError, UsageProblem
 

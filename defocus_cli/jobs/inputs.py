@@ -6,6 +6,7 @@
   frames, missing             of such a shot the frames wanted, and what to do without a file
   hidden-color, hidden-depth  what lies behind, in the same form
   over-color, over-depth      the plate that elements lie over, in the same form
+  holdout-color               deep pictures that hide what is behind them, in the same form
   list                        CSV or JSONL files with a row for each picture
   pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
 

@@ -12,7 +12,6 @@ from defocus_cli.jobs.job import (
     FRAME_ROLE,
     OTHERS,
     Job,
-    Lens,
     Machine,
     Outputs,
     Picture,
@@ -23,6 +22,7 @@ from defocus_cli.jobs.job import (
 from defocus_cli.journal.journal import Record
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.journal.plain_values import typed
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError
 
 
@@ -63,6 +63,7 @@ def revived(record: Record, out: Path) -> Job:
             ),
             asked["suffix"],
             shot,
+            record.get("split", ""),
         )
         if set(job.names.values()) != {stamp["path"] for stamp in record["outputs"].values()}:
             raise ValueError("its settings name other files than its outputs")

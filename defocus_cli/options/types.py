@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from defocus_cli.formats.kinds import FORMAT_ALIASES, SUFFIXES
-from defocus_cli.jobs.quantities import read_at
+from defocus_cli.lenses.quantities import read_at
 from defocus_cli.system.errors import UsageProblem
 
 Command = Callable[..., Any]

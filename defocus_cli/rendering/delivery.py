@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.quantities import length_text
+from defocus_cli.lenses.quantities import length_text
 from defocus_cli.rendering.contents import contents_of
 from defocus_cli.rendering.depth_repair import repair_attribute
 from defocus_cli.system.arrays import Beside, Stack
@@ -15,7 +15,7 @@ from defocus_cli.system.safe_files import written_together
 
 if TYPE_CHECKING:
     from defocus_cli.formats.kinds import Kind
-    from defocus_cli.jobs.job import Lens
+    from defocus_cli.lenses.lens import Lens
     from defocus_cli.rendering.outcome import Outcome, Rendering
 
 
@@ -39,8 +39,8 @@ def write(rendering: Rendering) -> Outcome:
 def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
     from defocus_cli.exr.writing import write_exr
-    from defocus_cli.formats.encode import write_image
-    from defocus_cli.rendering.preview import write_preview, write_signed_preview
+    from defocus_cli.formats.encode import write_image, write_map
+    from defocus_cli.look.preview import write_preview, write_signed_preview
 
     job, contents = rendering.outcome.job, contents_of(rendering, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
@@ -62,8 +62,11 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
             clamped=rendering.clamped.get(kind.name, 0),
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
+    elif job.outputs.map_format == "tiff":
+        write_map(path, contents.planes[0])
     else:
-        write_exr(path, {kind.name: contents.planes[0]}, attributes, contents.layout)
+        channel = kind.channel or kind.name
+        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout)
     if preview is not None and kind.of_radius:
         write_signed_preview(preview, contents.planes[0])
     elif preview is not None:

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.elements.deep import layers_of_scene
 from defocus_cli.elements.overscan import overscan_of
 from defocus_cli.elements.planes import Either
-from defocus_cli.elements.plate import check_over, read_plate
+from defocus_cli.elements.plate import read_over
+from defocus_cli.exr.views import require_view
 from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
-from defocus_cli.rendering.deep_picture import deep_header, read_deep
 from defocus_cli.rendering.focusing import quality_of, radius_map
 from defocus_cli.rendering.implausible_depth import implausible
 from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
@@ -27,7 +28,6 @@ from defocus_cli.system.process import imports
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
-    from defocus_cli.exr.header import Header
     from defocus_cli.formats.color import Color
 
 
@@ -46,13 +46,12 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
     if picture.over is not None:
-        return _over(job, held)
+        return _over_plate(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
     if not job.outputs.need_rendering:
         return Loaded(held, color, depth)
-    header = deep_header(picture, job.reading, parts_of(picture, job.reading)[0])
-    if header is not None:
-        return _with_layers(job, header, Loaded(held, color, depth))
+    if (loaded := _with_layers(job, Loaded(held, color, depth))).layers is not None:
+        return loaded
     if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
@@ -66,45 +65,38 @@ def load_inputs(job: Job) -> Loaded:
     return Loaded(held, color, depth, (behind, behind_depth))
 
 
-def _over(job: Job, held: Holding) -> Loaded:
+def _over_plate(job: Job, held: Holding) -> Loaded:
     """An element and the plate that it lies over, decoded.
 
     Raises:
         InputError: an input cannot be used.
         UsageProblem: a hidden layer is given, too.
     """
-    picture = job.picture
-    assert picture.over is not None
-    if picture.hidden is not None:
-        raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
-    plate_overscan = overscan_of(picture.over, replace(job.reading, color_layer=None))
-
-    def read_one(one: Picture, reading: Reading) -> tuple[Color, Depth]:
-        return read(one, reading, held.keeping, job.lens_focal, plate_overscan)
-
-    color, depth = read_one(picture, job.reading)
-    most = color.overscan
-    plate = read_plate(
-        picture.over,
-        job.reading,
-        lambda one, reading: read(one, reading, held.keeping, job.lens_focal, most),
-        held.keeping,
-        most,
-    )
-    return Loaded(held, color, depth, plate=check_over(color, plate))
-
-
-def _with_layers(job: Job, header: Header, loaded: Loaded) -> Loaded:
-    """A deep picture with its samples.
-
-    Raises:
-        InputError: they cannot be used, or something else is to be behind them.
-    """
     if job.picture.hidden is not None:
-        problem = "is deep, and knows itself what is hidden"
-        raise InputError(job.picture.color, problem, "leave --hidden out")
-    keeping, like = loaded.holding.keeping, (loaded.color, loaded.depth)
-    layers = read_deep(job.picture, header, job.reading, like, keeping, job.lens_focal)
+        raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
+
+    def read_one(one: Picture, reading: Reading, most: Overscan) -> tuple[Color, Depth]:
+        return read(one, reading, held.keeping, job.lens_focal, most)
+
+    color, depth, plate = read_over(job.picture, job.reading, read_one, held.keeping)
+    loaded = Loaded(held, color, depth, plate=plate)
+    return _with_layers(job, loaded) if job.outputs.need_rendering else loaded
+
+
+def _with_layers(job: Job, loaded: Loaded) -> Loaded:
+    """A picture with its samples if it is deep or has a holdout."""
+    picture, plate = job.picture, loaded.plate
+    layers = layers_of_scene(
+        picture,
+        job.reading,
+        parts_of(picture, job.reading)[0],
+        (loaded.color, loaded.depth),
+        None if plate is None else (plate.color, plate.depth),
+        loaded.holding.keeping,
+        job.lens_focal,
+    )
+    if layers is None:
+        return loaded
     note = f"{loaded.color.note}, {layers.words}"
     return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 
@@ -125,7 +117,7 @@ def compute(
     """
     outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
-        return Rendering(outcome, loaded.color, radius, {}, {}, loaded.nothing)
+        return loaded.rendering(outcome, radius)
     outcome, quiet, seen = with_neighbours(outcome, loaded, radius, _read_for)
     return replace(rendered(loaded, quiet, outcome, progress, seen), radius=radius)
 
@@ -137,10 +129,11 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         InputError: the picture cannot be taken with this lens.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    lens = shot_focused(job, loaded.depth, _read_for)
-    decided = None
-    if job.outputs.need_rendering:
-        decided = shot_repair(job, lens, loaded.depth, _read_for)
+    if "depth" in job.outputs.kinds and loaded.depth.is_radius:
+        problem = "holds radii, of which no depth can be written"
+        raise InputError(loaded.depth.path, problem, "leave depth out of the outputs")
+    lens = shot_focused(job, loaded, _read_for)
+    decided = shot_repair(job, lens, loaded, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
     likely = implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale)
     if loaded.plate is not None:
@@ -156,10 +149,7 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         depth_note=loaded.depth.note,
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
-        warnings=(
-            *likely,
-            *_warnings(loaded),
-        ),
+        warnings=(*likely, *_warnings(loaded)),
         decided=decided,
         shot_note=decided_words(job.shot, decided),
     )
@@ -253,7 +243,7 @@ def read(
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
-    require_view(picture, reading)
+    require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts)
     overscan = overscan if most is None else overscan.within(most)
     color = read_color(
@@ -285,21 +275,3 @@ def read(
     require_valid(depth)
     require_finite(color)
     return color, depth
-
-
-def require_view(picture: Picture, reading: Reading) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: neither the colour nor the depth file has any.
-    """
-    from defocus_cli.exr.header import is_exr, read_headers
-    from defocus_cli.exr.views import views_of
-    from defocus_cli.system.safe_files import read_head
-
-    if reading.view is None:
-        return
-    exrs = [path for path in (picture.color, picture.depth) if is_exr(read_head(path))]
-    if not any(views_of(read_headers(path)) for path in exrs):
-        problem = f"has no views, and so no view {reading.view}"
-        raise InputError(picture.color, problem, "leave --view out")

@@ -6,7 +6,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.windows import Overscan
-from defocus_cli.jobs.job import Lens, Reading, lens_record
+from defocus_cli.jobs.job import Reading
+from defocus_cli.lenses.lens import Lens, lens_record
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError
 

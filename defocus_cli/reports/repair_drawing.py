@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.jobs.job import Lens, Picture, Reading
+from defocus_cli.jobs.job import Picture, Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.arrays import Keeping
 from defocus_cli.system.errors import UsageProblem
 

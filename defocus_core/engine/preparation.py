@@ -82,7 +82,9 @@ def frame_of(
     grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     pair = settings.dual_pixel if settings.left_right else None
-    division = Division.of(settings.aperture, quality.parts, pair)
+    # parts at the rim would be clipped away
+    count = quality.parts if settings.cat_eye is None else 1
+    division = Division.of(settings.aperture, count, pair)
     if needs_double(survey, content.limit):
         dtype = torch.float64
 

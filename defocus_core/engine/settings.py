@@ -10,6 +10,7 @@ from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.runtime.validation import described, flag, number, whole
 
@@ -40,6 +41,7 @@ class Settings:
     edge_width: float | None = None
     decided: DepthRepair | None = None
     dual_pixel: DualPixel = field(default_factory=DualPixel)
+    cat_eye: CatEye | None = None
 
     def __post_init__(self) -> None:
         """Check each option; whole numbers of other types become int."""
@@ -49,6 +51,9 @@ class Settings:
         if not isinstance(self.dual_pixel, DualPixel):
             problem = f"dual_pixel must be a DualPixel, got {described(self.dual_pixel)}"
             raise ValueError(f"{problem}; DualPixel() has ideal halves")
+        if not isinstance(self.cat_eye, CatEye | None):
+            problem = f"cat_eye must be a CatEye, got {described(self.cat_eye)}"
+            raise ValueError(f"{problem}; None clips nothing")
         find(self.quality)
         flag("left_right", self.left_right)
         repair_options(self.depth_repair, self.edge_width)

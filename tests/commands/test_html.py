@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ blades = 6
 blade-rotation = 15
 blade-curvature = 0.25
 sharp-range = "1.9m..2.1m"
+highlights = "0.9:1.5"
 [reading]
 depth-unit = "m"
 depth-scale = 0.7
@@ -238,3 +240,19 @@ def test_a_finished_batch_is_reported_afterwards(tmp_path: Path) -> None:
     assert run("report", out, "--html", tmp_path / "later.html", "--json").json["samples"] == 4
     assert keys(item(tmp_path / "later.html", "a_focus2m")) == ["input"]
     refused(run("report", tmp_path), 3, "has no journal")
+
+
+@pytest.mark.bench
+def test_five_hundred_pairs_and_their_report_take_no_more_than_a_minute(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    large = np.kron(scene(), np.ones((4, 4, 1), np.float32))[:270, :480]
+    for number in range(500):
+        image = large * rng.uniform(0.5, 1) + rng.normal(0, 0.002, large.shape)
+        for folder, factor in (("A", 1.0), ("B", 1.02 if number % 2 else 1.0)):
+            write_planes(tmp_path / folder / f"{number}.exr", planes(image * factor))
+    words = [sys.executable, "-m", "defocus_cli", "compare", "A", "B", "--html", "r.html"]
+    start = time.perf_counter()
+    ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (1, "")
+    assert time.perf_counter() - start < 60
+    assert (tmp_path / "r.html").stat().st_size < 40e6

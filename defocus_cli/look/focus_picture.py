@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.color_space import linear_to_srgb, srgb_to_linear
-from defocus_cli.rendering.preview import diverging, largest
+from defocus_cli.look.preview import diverging, largest
 from defocus_cli.system.arrays import bands
 
 if TYPE_CHECKING:
