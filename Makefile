@@ -1,5 +1,5 @@
 # make demo    render the sample scenes to out/
-# make test    ruff, mypy and the tests
+# make test    ruff, mypy and the tests; those of HTML reports need Chromium (apt install chromium)
 # make check   ruff and mypy alone
 # make bench   error and time on the sample scenes, then the tests that measure time
 # make clean   remove what these made, .venv too
@@ -16,7 +16,7 @@ STAMP := .venv/installed
 
 # Versions known to work together, what they ask for included; pyproject.toml asks for less.
 PINS := torch==2.13.0 numpy==2.4.6 OpenEXR==3.5.3 OpenImageIO==3.2.2.0 click==8.5.1 tqdm==4.70.1 \
-  hypothesis==6.170.15 mypy==2.4.1 pytest==9.2.0 pytest-xdist==3.8.0 ruff==0.17.5 \
+  hypothesis==6.170.15 mypy==2.4.1 playwright==1.65.2 greenlet==3.5.6 pytest==9.2.0 pytest-xdist==3.8.0 ruff==0.17.5 \
   setuptools==84.2.1 \
   ast_serialize==0.13.1 execnet==2.1.2 filelock==4.2.11 fileseq==3.4.0 fsspec==2026.9.0 iniconfig==2.3.1 \
   Jinja2==3.1.6 librt==0.16.0 MarkupSafe==3.0.4 mpmath==1.3.0 mypy_extensions==1.2.0 \

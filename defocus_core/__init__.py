@@ -23,6 +23,7 @@ from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
+from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
@@ -30,8 +31,11 @@ from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, quantisation
 from defocus_core.layers.quality import QUALITIES
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.axial_color import color_offset
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.optics.sensor_noise import with_noise
@@ -45,6 +49,7 @@ from defocus_core.stream import Stream
 
 __all__ = [
     "ATTEMPTS",
+    "AUTO_LIGHTS",
     "DEPTH_REPAIRS",
     "DUAL_PIXEL_MODELS",
     "LAWS",
@@ -52,6 +57,7 @@ __all__ = [
     "SCENE_KINDS",
     "Aperture",
     "Behind",
+    "CatEye",
     "Check",
     "Cost",
     "DefocusLens",
@@ -62,6 +68,7 @@ __all__ = [
     "Frame",
     "GuidedDepth",
     "HiddenLayer",
+    "Layered",
     "Lenses",
     "Pixels",
     "PupilImage",
@@ -77,6 +84,7 @@ __all__ = [
     "cells_bytes",
     "chained",
     "cheapest_within",
+    "color_offset",
     "cost",
     "depth_from_disparity",
     "depth_from_logarithm",
@@ -96,5 +104,6 @@ __all__ = [
     "seen_behind",
     "temporal_mean",
     "verify",
+    "with_lights",
     "with_noise",
 ]

@@ -5,21 +5,23 @@ The centre image is the same whether or not left and right are asked for, and is
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import assembled
 from defocus_core.engine.settings import Settings
-from defocus_core.images.views import Views, batch
+from defocus_core.images.views import Views, batch, of_channels
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.axial_color import apart
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.outline import Scalar
 from defocus_core.runtime.torch_modes import own_modes
 from defocus_core.runtime.validation import check_image, dense, described, numbers
 
@@ -37,9 +39,11 @@ def render(
     threads: int = 1,
     tile: int | None = None,
     infinity: float | None = None,
-    depth_repair: str | DepthRepair = "auto",
+    depth_repair: str = "auto",
     edge_width: float | None = None,
     dual_pixel: DualPixel | None = None,
+    cat_eye: CatEye | None = None,
+    color_offsets: Sequence[Scalar] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """Defocus images whose pixels have known CoC radii.
@@ -75,12 +79,15 @@ def render(
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
             "off" leaves it as it is. "soft-edges=0.3" says that edges are soft: ramps of 0.3 px of
             radius per px and more, up to 16 px wide, become steps where the colours change, and
-            all else is found as by "auto"; from 0 on, each ramp is an edge. A DepthRepair, like
-            that of a shot, is done as it says.
+            all else is found as by "auto"; from 0 on, each ramp is an edge.
         edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
             that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
         dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
             aperture.
+        cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
+            as they see it, other pixels as a mean of what the corners of their region see.
+        color_offsets: For each channel the px to add to its signed radii, as axial colour does,
+            see `color_offset`; different ones are rendered apart. Trust is that of the least.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
@@ -103,16 +110,38 @@ def render(
         depth_repair=depth_repair,
         edge_width=edge_width,
         dual_pixel=DualPixel() if dual_pixel is None else dual_pixel,
+        cat_eye=cat_eye,
     )
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
+    offsets = apart(color_offsets, pictures.shape[1])
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        with own_modes(pixels.device):
-            picture = Picture(pixels, radius, settings, known)
-            parts = picture.parts(progress=progress)
-            views.append(assembled(picture.frame, pixels, parts))
+        colors = [
+            _rendered(
+                pixels if len(offsets) == 1 else pixels[c],
+                radius if color_offsets is None else radius + px,
+                settings,
+                known and known.of_channels(c, px),
+                progress,
+            )
+            for c, px in offsets
+        ]
+        views.append(colors[0] if len(colors) == 1 else of_channels(colors, offsets))
     return batch(views) if image.dim() == 4 else views[0]
+
+
+def _rendered(
+    pixels: Tensor,
+    radius: Tensor,
+    settings: Settings,
+    known: Behind | None,
+    progress: Callable[[int, int], None] | None,
+) -> Views:
+    """One picture, or one channel of it."""
+    with own_modes(pixels.device):
+        picture = Picture(pixels, radius, settings, known)
+        return assembled(picture.frame, pixels, picture.parts(progress=progress))
 
 
 def render_layers(

@@ -15,6 +15,7 @@ from defocus_core.engine.settings import STANDARD, Settings
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
 from defocus_core.inpainting.known_layer import Behind
+from defocus_core.layers.stacked_samples import Layered
 from defocus_core.runtime.torch_modes import own_modes
 from defocus_core.runtime.validation import whole
 
@@ -29,6 +30,7 @@ class Stream(Picture):
         settings: Settings = STANDARD,
         hidden: Behind | None = None,
         *,
+        layered: Layered | None = None,
         hold: bool = False,
     ) -> None:
         """Repair the depth, and prepare the frame.
@@ -38,6 +40,8 @@ class Stream(Picture):
             signed_radius: [H, W] px, negative nearer than focus, the same.
             settings: The options of `render`.
             hidden: The known layer behind the visible surface.
+            layered: The layers of which `image`, with alpha, is the `picture` in focus and
+                `signed_radius` the `nearest` radius; the regions have alpha, too.
             hold: Whether there is room for repaired radii and the cells of a draft, together two
                 thirds of the picture in float32; without room those of a large picture are computed
                 anew for each window.
@@ -67,7 +71,7 @@ class Stream(Picture):
         self._dtype = torch.promote_types(image.dtype, torch.float32)
         self._counts: list[dict[str, int]] = []
         with torch.no_grad(), own_modes(image.device):
-            super().__init__(image, signed_radius, settings, known, hold=hold)
+            super().__init__(image, signed_radius, settings, known, layered=layered, hold=hold)
 
     def regions(
         self,

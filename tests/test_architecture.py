@@ -33,8 +33,9 @@ CORE_ORDER = (
 )
 CLI_ORDER = (
     *("__main__", "main", "pytest_plugin", "commands", "options", "html", "bench", "reports"),
-    *("golden", "batch", "dataset", "journal", "rendering", "compare", "diagnosis"),
-    *("jobs", "shots", "depth_formats", "formats", "exr", "system", "__init__"),
+    *("golden", "batch", "dataset", "journal", "rendering", "depth", "look", "elements"),
+    *("compare", "diagnosis"),
+    *("jobs", "lenses", "shots", "depth_formats", "formats", "exr", "system", "__init__"),
 )
 MOST_LINES, MOST_MODULES, MOST_TESTS = 300, 15, 40
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib", "defocus_core"}

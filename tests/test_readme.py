@@ -6,12 +6,14 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import color_exr, depth_exr, ramp, refused, run, texture, write_exr
+from deep_files import write_deep_samples
 from elements import disc, element, write
 
 from defocus_cli.commands.help import TOPICS
@@ -56,6 +58,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for path in (*(Path("sample_scenes", name) for name in SCENES), Path()):
         color_exr(tmp_path / path / "rgb.exr")
         depth_exr(tmp_path / path / "depth.exr")
+    shutil.copy(ROOT / "sample_scenes" / "training.py", tmp_path / "sample_scenes")
     color, depth = texture(), ramp()
     color_exr(tmp_path / "behind.exr", color)
     depth_exr(tmp_path / "z.exr", depth + 4)
@@ -64,6 +67,13 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ball = element(disc())
     both_views = ball | {f"left.{channel}": plane for channel, plane in ball.items()}
     write(tmp_path / "ball.exr", both_views, multiView=["right", "left"])
+    for number, name in enumerate(("hair", "body")):
+        sample = {"R": 0.1, "G": 0.2, "B": 0.1, "A": 0.5, "Z": 1.5 + number}
+        write_deep_samples(tmp_path / f"{name}_deep.exr", [[[sample] * 2] * 16] * 12)
+    vectors = {f"ViewLayer.Vector.{name}": np.zeros_like(depth) for name in "XYZW"}
+    for frame in range(1001, 1004):
+        write_exr(tmp_path / f"shot.{frame}.exr", **planes, **vectors)
+        depth_exr(tmp_path / f"depth.{frame}.exr", depth)
     color_exr(tmp_path / "frames" / "a.exr")
     depth_exr(tmp_path / "depths" / "a.exr")
     disparity = np.tile(np.linspace(0, 1, 320, dtype=np.float32)[None, :, None], (240, 1, 1))
@@ -104,7 +114,7 @@ def test_the_commands_of_a_document_run_one_after_another(
         carry_out(words, monkeypatch)
 
 
-@pytest.mark.parametrize("name", ["README", "python"])
+@pytest.mark.parametrize("name", ["README", "python", "look"])
 def test_the_python_of_a_document_runs(
     name: str, desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,6 +124,9 @@ def test_the_python_of_a_document_runs(
     for kind, content in blocks(DOCUMENTS[name].read_text()):
         if kind == "python":
             exec(content, names)
+    if name == "look":
+        assert names["views"].left.shape == names["image"].shape
+        return
     assert names["defocused"].shape == names["left"].shape == names["image"].shape
     if name == "python":
         assert names["lenses"].signed_radius.abs().max() <= 20.001

@@ -164,7 +164,9 @@ def _absolute(job: Job) -> Job:
 
 
 def _absolute_picture(picture: Picture) -> Picture:
-    hidden = picture.hidden and _absolute_picture(picture.hidden)
+    others: dict[str, Any] = {
+        role: _absolute_picture(other) for role, other in picture.others.items()
+    }
     return replace(
-        picture, color=picture.color.absolute(), depth=picture.depth.absolute(), hidden=hidden
+        picture, color=picture.color.absolute(), depth=picture.depth.absolute(), **others
     )

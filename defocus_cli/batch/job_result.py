@@ -1,10 +1,10 @@
 """One job carried out, and its result as a plain dictionary that can be sent between processes.
 
 A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
-depth_repair, device, quality, warnings and seconds as a record of the journal has them, but for
-paths: outputs are relative to the root, inputs have none. ``stats`` are those of the renderer.
-Where something was raised, ``trace`` is its traceback if it was a fault, and ``error`` itself is
-there, for this process alone.
+depth_repair, device, quality, measures, warnings and seconds as a record of the journal has them,
+but for paths: outputs are relative to the root, inputs have none. ``stats`` are those of the
+renderer. Where something was raised, ``trace`` is its traceback if it was a fault, and ``error``
+itself is there, for this process alone.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Job, lens_record
+from defocus_cli.depth.repair import repair_record
+from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
 from defocus_cli.journal.reasons import Step, verdict
+from defocus_cli.lenses.lens import lens_record
 from defocus_cli.rendering import delivery, job_steps
-from defocus_cli.rendering.depth_repair import repair_record
+from defocus_cli.rendering.measures import measures
 
 if TYPE_CHECKING:
     from defocus_cli.rendering.outcome import Loaded, Rendering
@@ -28,7 +30,17 @@ if TYPE_CHECKING:
 Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
 _NO_PICTURE = dict.fromkeys(
-    ("lens", "size", "coc_px", "color_note", "depth_note", "depth_repair", "device", "quality")
+    (
+        "lens",
+        "size",
+        "coc_px",
+        "color_note",
+        "depth_note",
+        "depth_repair",
+        "device",
+        "quality",
+        "measures",
+    )
 )
 
 
@@ -115,6 +127,7 @@ def write(computed: Computed) -> Result:
         "depth_repair": repair_record(outcome.repair),
         "device": outcome.device,
         "quality": outcome.quality,
+        "measures": measures(computed.rendering, outcome),
         "warnings": list(outcome.warnings),
         "seconds": {
             "read": round(computed.ready.seconds, 4),

@@ -66,7 +66,7 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
             problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
             raise InputError(root / name, problem, "give the picture a shorter name or stem")
     pictures = {job.picture for job in jobs}
-    pictures |= {picture.hidden for picture in pictures if picture.hidden}
+    pictures |= {other for picture in pictures for other in picture.others.values()}
     named = {path for one in pictures for path in (one.color, one.depth)}
     # Path.resolve raises where a link leads in a circle; who reads it says it better.
     named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}

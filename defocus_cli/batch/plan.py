@@ -50,7 +50,7 @@ class Plan:
     Attributes:
         todo: jobs to do, and the recipe of each.
         settled: jobs that are done, or rejected, each with its record of the journal.
-        moved: records to append anew, since their inputs lie elsewhere now.
+        moved: records to append anew, since their inputs lie elsewhere now, or their split changed.
         beyond: how many jobs the limit puts off.
         changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
             that are no longer as they were.

@@ -206,9 +206,10 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
     }
     outputs = result["outputs"] or {name: {"path": path} for name, path in job.names.items()}
     copied = ("lens", "size", "coc_px", "device", "warnings", "seconds")
-    notes = ("color_note", "depth_note", "depth_repair")
+    notes = ("color_note", "depth_note", "depth_repair", "measures")
     return {
         "sample_id": job.sample_id,
+        **({"split": job.split} if job.split else {}),
         "job": identity.name(recipe, inputs),
         "recipe": recipe,
         "status": result["status"],

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from defocus_cli.bench.timing import Cost, FftUnit, measured
-from defocus_cli.rendering.focusing import radius_at_infinity
+from defocus_cli.depth.focusing import radius_at_infinity
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:

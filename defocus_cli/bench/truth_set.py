@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Lens
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 
 if TYPE_CHECKING:
@@ -128,8 +128,8 @@ def read(shot: Shot) -> Pictures:
     """
     import torch
 
+    from defocus_cli.depth.focusing import signed_radius
     from defocus_cli.depth_formats.depth import read_depth, require_valid
-    from defocus_cli.rendering.focusing import signed_radius
 
     depth = read_depth(shot.folder / "depth.exr")
     require_valid(depth)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.jobs.job import Lens
-from defocus_cli.jobs.quantities import pixel_count
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.quantities import pixel_count
+from defocus_cli.look.opening import write_aperture
 from defocus_cli.options.lens import shape_options
 from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
-from defocus_cli.rendering.opening import write_aperture
 from defocus_cli.system import console
 from defocus_cli.system.errors import InputError
 

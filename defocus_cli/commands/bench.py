@@ -16,7 +16,7 @@ from defocus_cli.bench.timing import RADII, SIZES, Size, cases, time_case, warm_
 from defocus_cli.bench.truth_set import find_shots, read, sample_set
 from defocus_cli.html.shots import Gallery
 from defocus_cli.jobs.job import DEVICES, QUALITIES
-from defocus_cli.jobs.quantities import pixel_count
+from defocus_cli.lenses.quantities import pixel_count
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
 from defocus_cli.system import console

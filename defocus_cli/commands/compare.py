@@ -92,7 +92,7 @@ def command(
     if asked.junit is not None:
         write_junit(asked.junit, records, time.perf_counter() - start)
     if asked.html is not None:
-        words = [f"A: {a}", f"B: {b}", *recipes]
+        words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
         commands = comparisons.compare_commands(asked.rules.of, asked.settings)
         title = f"{b} compared with {a}"
         occasion = comparisons.Occasion(title, words, commands)

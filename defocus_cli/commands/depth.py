@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
+from defocus_cli.depth.conversion import convert, places, refuse_existing
 from defocus_cli.jobs.job import Reading
 from defocus_cli.options import shared
 from defocus_cli.options.reading import depth_reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
-from defocus_cli.rendering.depth_conversion import convert, places, refuse_existing
 from defocus_cli.reports import conversion_report
 from defocus_cli.system import console
 from defocus_cli.system.errors import UserError

@@ -12,10 +12,11 @@ from defocus_cli.system.errors import UsageProblem
 
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",
-    "look": "bokeh: the opening of the lens, blades, mirrors, ovals",
+    "look": "blades, mirrors, ovals, cat's eyes, axial colour, clipped lights, dual pixels, noise",
     "depth": "depth files by format, estimated depth of photographs, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
+    "shots": "numbered frames, lenses that move, steadiness, motion vectors",
     "compare": "comparison of pictures, thresholds, goldens, CI",
     "python": "the renderer as a torch library, training, samples of a batch",
     "exit-codes": "exit codes, error lines, output for scripts",

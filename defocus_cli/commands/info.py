@@ -6,14 +6,16 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.jobs.job import Picture, Reading
+from defocus_cli.jobs.shot_lenses import ShotLenses
 from defocus_cli.options import shared
-from defocus_cli.options.lens import lens_options
 from defocus_cli.options.reading import reading_options
+from defocus_cli.options.shot import shot_lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.reports import inspection_report
+from defocus_cli.reports import inspection_report, shot_summary
 from defocus_cli.reports.inspection import inspect, inspect_pairs
 from defocus_cli.reports.repair_drawing import check_preview, draw_repair
+from defocus_cli.shots.frame_patterns import is_pattern
 from defocus_cli.system import console
 from defocus_cli.system.errors import UserError
 
@@ -24,7 +26,7 @@ from defocus_cli.system.errors import UserError
     short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
 )
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
-@lens_options(required=False)
+@shot_lens_options(required=False)
 @reading_options
 @click.option(
     "--preview",
@@ -36,7 +38,7 @@ from defocus_cli.system.errors import UserError
 @shared.json_option
 def command(
     files: tuple[Path, ...],
-    lens: Lens | None,
+    lenses: ShotLenses | None,
     reading: Reading,
     preview: Path | None,
     as_json: bool,
@@ -48,12 +50,16 @@ def command(
     size, are compared: whether the colour is blurred already, and whether the two lie on each
     other.
 
+    Of patterns like 'shot.####.exr' the shot is summed up: frames, gaps, sizes, depth over time
+    and, with a lens, where blur is largest.
+
     \b
     With --json, "files" has of each:
       file, size   its path; width and height in px
       parts        index, name, deep, views, and channels with their types; of an EXR
                    data_window and display_window (x and y of their first and last pixel),
-                   pixel_aspect
+                   pixel_aspect; of a deep one samples: most_of_a_pixel, total, pixels,
+                   range_z, the least and greatest depth as it stands in the file
       color        channels, nonfinite_pixels; with alpha nothing_pixels, where it is 0, and
                    partial_pixels, where it is below 1; null if there is none
       color_note   how the colour would be read, or why there is none
@@ -66,6 +72,13 @@ def command(
       depth_note   how the depth would be read, or why there is none
       evidence     formats that the depth could be of, and faults that show
       maps         kind, and range_px or range, of what 'defocus render' wrote
+    "shots" has of each pattern:
+      pattern, frames, gaps
+                   the pattern, the numbers that are there, and those missing
+      sizes        size, and the frames of this size
+      depth        of 25 frames at most, evenly spread: frame, range_m, sky_pixels,
+                   coc_px and repair, null without a lens
+      largest_blur frame and coc_px; null without a lens
     "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
       color, depth the files
       evidence     what shows that the colour is blurred already, or does not lie on the depth
@@ -77,7 +90,17 @@ def command(
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
       defocus info rgb.exr depth.exr --lens 50mm.toml --preview repaired.png
+      defocus info 'rgb.####.exr' 'depth.####.exr' --focal-length 50mm --animate pull.csv
     """  # noqa: D301  click reads the backspace
+    patterns = [file for file in files if is_pattern(file)]
+    files = tuple(file for file in files if file not in patterns)
+    shots = shot_summary.summarise(patterns, reading, lenses) if patterns else []
+    for shot in () if as_json else shots:
+        for line in shot_summary.lines(shot):
+            console.tell(line)
+    lens = None
+    if lenses is not None and files:
+        lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     if preview is not None:
         check_preview(preview, files, lens)
     failed: UserError | None = None
@@ -99,7 +122,7 @@ def command(
     for pair in () if as_json else pairs:
         for line in inspection_report.pair_lines(pair):
             console.tell(line)
-    if as_json and records:
-        console.print_json(files=records, pairs=pairs)
+    if as_json and (records or shots):
+        console.print_json(files=records, pairs=pairs, **({"shots": shots} if shots else {}))
     if failed:
         raise failed

@@ -11,11 +11,13 @@ import click
 from defocus_cli.batch import pipeline, run
 from defocus_cli.batch.plan import Execution, make_plan
 from defocus_cli.dataset import update
+from defocus_cli.dataset.contact_sheet import kind_of_sheet, write_contact_sheet
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.pairing import find_pictures, whole_shot
 from defocus_cli.jobs.shot_lenses import ShotLenses
 from defocus_cli.jobs.shots import with_shot
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
@@ -64,6 +66,8 @@ Examples:
 @shot_options
 @shared.output_options
 @shared.hidden_option
+@shared.over_options
+@shared.holdout_option
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -82,6 +86,8 @@ def command(
     shot: ShotOptions,
     outputs: Outputs,
     hidden: tuple[Path, Path] | None,
+    over: tuple[Path, Path | None] | None,
+    holdout: tuple[Path, None] | None,
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -91,12 +97,14 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = find_pictures(color, depth, hidden, frames=shot.choice(lenses.animation))
+    given = {"hidden": hidden, "over": over, "holdout": holdout}
+    others = {role: paths for role, paths in given.items() if paths is not None}
+    pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _taken(pictures, lenses, verbose=verbose)
     ]
-    every = whole_shot(color, depth, hidden)
+    every = whole_shot(color, depth, others)
     moving = "focus-at" in lenses.animation.keys
     jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     execution = functools.partial(Execution, read_inputs=check_inputs == "hash")
@@ -105,6 +113,8 @@ def command(
             jobs, make_plan(jobs, outputs.root, execution(pipeline.execute)), as_json=as_json
         )
         return
+    if shot.contact is not None:
+        kind_of_sheet(jobs)
     report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:
         with report.bar("picture"):
@@ -115,6 +125,8 @@ def command(
             summary = run.carry_out(jobs, outputs.root, execution(alone), report)
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})
+    if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
+        console.say(f"contact sheet -> {sheet}")
     if as_json:
         records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
         console.print_json(dry_run=False, pictures=records)

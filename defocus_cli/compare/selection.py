@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.diagnosis.picture import read_picture
-from defocus_cli.jobs.quantities import QuantityError
+from defocus_cli.lenses.quantities import QuantityError
 from defocus_cli.system.errors import InputError, UsageProblem
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.compare.metrics import METRICS
-from defocus_cli.jobs.quantities import QuantityError, read_at
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown
+from defocus_cli.lenses.quantities import QuantityError, read_at
 from defocus_cli.system.errors import UsageProblem, did_you_mean
 
 OVER = 0.01  # the difference that ``share`` counts pixels beyond, unless --over says another

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.dataset.sample_index import NAME
-from defocus_cli.jobs.job import EFFECTS, Lens
-from defocus_cli.jobs.quantities import distances, noise
+from defocus_cli.lenses.lens import EFFECTS, Lens
+from defocus_cli.lenses.quantities import distances, highlights, noise, rim, shifts
 from defocus_cli.system.errors import InputError, reason
 
 
@@ -31,7 +31,7 @@ class Sample:
     Attributes:
         sample_id: name of the sample, the stem of its files.
         files: the file of each kind.
-        inputs: the input file of each role: color, depth, hidden_color, hidden_depth, and
+        inputs: the input file of each role: color, depth, those of hidden and over, and
             depth_sidecar, depth_mask of depth formats that have them.
         lens: the lens, with the focus distance in mm.
         size: width and height in px.
@@ -90,6 +90,12 @@ def _lens(entry: Mapping[str, Any], aperture_image: str | None) -> Lens:
     shape |= {name: entry[name] for name in EFFECTS if name in entry}
     if aperture_image is not None:
         shape["aperture_image"] = Path(aperture_image)
+    if "axial_color" in shape:
+        shape["axial_color"] = shifts(shape["axial_color"])
+    if "cat_eye" in shape:
+        shape["cat_eye"] = rim(shape["cat_eye"])
+    if "highlights" in shape:
+        shape["highlights"] = highlights(shape["highlights"])
     if "noise" in shape:
         shape["noise"] = noise(shape["noise"])
     if "sharp_range" in shape:

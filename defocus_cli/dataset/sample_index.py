@@ -1,8 +1,10 @@
 """The index of a finished batch, ``OUT/metadata.jsonl``: a line for each sample.
 
 ``file_name`` comes first, as the image folders of Hugging Face's `datasets` want it, and each
-further picture that they can decode is ``<kind>_file_name``. A key has one type in every line, null
-where there is nothing to say, so that it reads as a table. It holds no time and no place of OUT.
+further picture that they can decode is ``<kind>_file_name``. They call the column of ``file_name``
+image; beside the sharp picture, whose kind is image, it is ``<kind>_file_name``, too. A key has
+one type in every line, null where there is nothing to say, so that it reads as a table. It holds no
+time and no place of OUT.
 """
 
 from __future__ import annotations
@@ -14,7 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import EFFECTS
+from defocus_cli.jobs.job import FRAME_ROLE
+from defocus_cli.lenses.lens import EFFECTS
+from defocus_cli.rendering.measures import MEASURES
 from defocus_cli.system.safe_files import written_whole
 
 NAME = "metadata.jsonl"
@@ -111,16 +115,22 @@ def _entry(record: Record) -> dict[str, Any]:
     near, far = record["coc_px"]
     width, height = record["size"]
     return {
-        "file_name": paths[first],
+        f"{first}_file_name" if "image" in paths else "file_name": paths[first],
         **{f"{kind}_file_name": paths[kind] for kind in others if _decoded(paths[kind])},
         "sample_id": record["sample_id"],
+        "split": record.get("split") or None,
         "width": width,
         "height": height,
         "outputs": paths,
-        "inputs": {role: stamp["path"] for role, stamp in record["inputs"].items()},
+        "inputs": {
+            role: stamp["path"]
+            for role, stamp in record["inputs"].items()
+            if not role.startswith(FRAME_ROLE)  # other frames of a shot
+        },
         "lens": _lens(record["lens"]),
         "coc_min_px": float(near),
         "coc_max_px": float(far),
+        **{name: (record.get("measures") or {}).get(name) for name in MEASURES},
         "quality": record["quality"],
         "warnings": list(record["warnings"]),
         "outputs_blake2b": {kind: output.get("blake2b") for kind, output in outputs.items()},

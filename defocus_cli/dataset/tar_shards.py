@@ -1,9 +1,10 @@
 """WebDataset shards of a finished batch: ``OUT/shards/samples-000000.tar``, ….
 
-Each sample is ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the
-index. The key is the sample_id with _ for each dot, as readers of such tars cut at the first one.
-The same samples make the same bytes. ``shards.json`` beside them lists the shards, and the size
-they were packed for; a shard that is as listed is not packed again.
+Of a dataset with splits each has shards of its own, ``trainset-000000.tar``, …. Each sample is
+``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the index. The key
+is the sample_id with _ for each dot, as readers of such tars cut at the first one. The same samples
+make the same bytes. ``shards.json`` beside them lists the shards, and the size they were packed
+for; a shard that is as listed is not packed again.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from defocus_cli.system.safe_files import written_whole
 
 FOLDER = SHARDS_FOLDER
 LIST = "shards.json"
-_NAME = re.compile(r"samples-\d{6,}\.tar")
+_NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,12 @@ class Member:
         return header + _rounded(self.size, tarfile.BLOCKSIZE)
 
 
-Sample = tuple[Member, ...]
+@dataclass(frozen=True)
+class Sample:
+    """The files of a sample, and its split, empty for none."""
+
+    split: str
+    members: tuple[Member, ...]
 
 
 @dataclass(frozen=True)
@@ -86,8 +92,8 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     before = listed(out)
     sizes = before.sizes if before else {}
     packed = []
-    for number, samples in enumerate(_shards(_samples(out, records), limit)):
-        path = folder / f"samples-{number:06}.tar"
+    for name, samples in _shards(_samples(out, records), limit):
+        path = folder / f"{name}.tar"
         digest = _digest(samples)
         if not _has_size(path, sizes.get((path.name, digest))):
             _pack(path, samples)
@@ -126,7 +132,8 @@ def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
         files = [(kind, out / path) for kind, path in entry["outputs"].items()]
         members = [Member(f"{key}.{kind}{path.suffix}", _size(path), path) for kind, path in files]
         line = sample_index.line(entry)
-        yield tuple(sorted([*members, Member(f"{key}.json", len(line), line)], key=_name))
+        every = sorted([*members, Member(f"{key}.json", len(line), line)], key=_name)
+        yield Sample(entry["split"] or "", tuple(every))
 
 
 def _keys(names: Sequence[str]) -> list[str]:
@@ -141,12 +148,24 @@ def _keys(names: Sequence[str]) -> list[str]:
     ]
 
 
-def _shards(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
+def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[Sample]]]:
+    """The name and the samples of each shard: as many of a split as fit."""
+    by_split: dict[str, list[Sample]] = {}
+    for sample in samples:
+        by_split.setdefault(sample.split, []).append(sample)
+    for split in sorted(by_split):
+        # "train" between two signs would tell `datasets` that the folder has that split alone.
+        prefix = f"{split}set" if split else "samples"
+        for number, shard in enumerate(_filled(by_split[split], limit)):
+            yield f"{prefix}-{number:06}", shard
+
+
+def _filled(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
     """As many samples in each as fit."""
     shard: list[Sample] = []
     size = 0
     for sample in samples:
-        more = sum(member.packed for member in sample)
+        more = sum(member.packed for member in sample.members)
         if shard and _closed(size + more) > limit:
             yield shard
             shard, size = [], 0
@@ -161,7 +180,7 @@ def _pack(path: Path, samples: Iterable[Sample]) -> None:
         written_whole(path) as file,
         tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
     ):
-        for member in (member for sample in samples for member in sample):
+        for member in (member for sample in samples for member in sample.members):
             with _opened(member.source) as content:
                 try:
                     tar.addfile(member.info, content)
@@ -184,7 +203,7 @@ def _opened(source: Path | bytes) -> BinaryIO:
 def _digest(samples: Iterable[Sample]) -> str:
     """The hash of a shard: names and sizes, and the JSON, which has the hashes of the files."""
     digest = blake2b(digest_size=16)
-    for member in (member for sample in samples for member in sample):
+    for member in (member for sample in samples for member in sample.members):
         digest.update(f"{member.name}\0{member.size}\0".encode("utf-8", "surrogateescape"))
         if isinstance(member.source, bytes):
             digest.update(member.source)

@@ -1,4 +1,4 @@
-"""Update of the dataset in OUT when a batch has ended: index and shards of its samples.
+"""Update of the dataset in OUT when a batch has ended: index, card and shards of its samples.
 
 A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
 any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from defocus_cli.dataset import sample_index, tar_shards
+from defocus_cli.dataset import card, sample_index, tar_shards
 from defocus_cli.journal.journal import Record, read_all
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.system import console
@@ -38,7 +38,7 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
         own = [record for record in records if record["sample_id"] in asked]
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
-    written = [sample_index.write(out, records)]
+    written = [sample_index.write(out, records), *card.write(out, records)]
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
@@ -55,6 +55,7 @@ def refresh(out: Path, done: Collection[str]) -> None:
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
     path = sample_index.write(out, records)
+    card.write(out, records)
     console.say(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
 

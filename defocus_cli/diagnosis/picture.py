@@ -16,7 +16,7 @@ from defocus_cli.exr.header import Header, Raw, is_exr, read_attributes, read_he
 from defocus_cli.exr.reading import read_parts
 from defocus_cli.formats.color_space import linear_light, unit
 from defocus_cli.formats.float_maps import is_float_map, read_float_map
-from defocus_cli.formats.kinds import MAPS
+from defocus_cli.formats.kinds import NO_DEPTH
 from defocus_cli.formats.raster import Raster, read_pages, read_samples
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import read_head
@@ -132,7 +132,7 @@ def layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
 
 def is_map(names: Sequence[str]) -> bool:
     """Whether a file holds a map of numbers, and no light."""
-    return set(names) <= {*MAPS, "Z"}
+    return set(names) <= {*NO_DEPTH, "Z"}
 
 
 def in_linear_light(picture: Picture) -> Picture:

@@ -173,9 +173,11 @@ def _frame(evidence: Evidence) -> tuple[slice, slice]:
 
 
 def _alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """Correlation of two arrays, 0 if one is constant."""
+    """Correlation of two arrays, 0 if one is constant or empty."""
     import numpy as np
 
+    if not x.size:
+        return 0.0
     x, y = x - x.mean(), y - y.mean()
     # Not np.vdot: its threads wait for each other where several processes compare.
     scale = math.sqrt(float(np.square(x).sum()) * float(np.square(y).sum()))

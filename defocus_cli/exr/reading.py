@@ -13,6 +13,7 @@ from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.chroma import planes_of
+from defocus_cli.exr.deep_layers import DeepLayers, deep_layers, flat_channels
 from defocus_cli.exr.header import Header, read_headers
 from defocus_cli.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
@@ -46,8 +47,9 @@ class Part:
 
     Attributes:
         header: the part's header.
-        channels: name to native array [H, W] of the frame, in memory or in a scratch file; empty
-            for a deep part, and without channels of fewer samples than pixels but chroma.
+        channels: name to native array [H, W] of the frame, in memory or in a scratch file, without
+            channels of fewer samples than pixels but chroma; of a deep part the picture in focus,
+            whose light is float32.
     """
 
     header: Header
@@ -86,6 +88,34 @@ def read_parts(
         raise _damaged(path, reason(error)) from error
 
 
+def read_layers(
+    path: Path,
+    header: Header,
+    names: tuple[str, ...],
+    keeping: Keeping = IN_MEMORY,
+    overscan: Overscan = NO_OVERSCAN,
+) -> DeepLayers:
+    """The samples of a deep part as layers.
+
+    Args:
+        path: the file.
+        header: of the part.
+        names: its channels of light that are wanted, without alpha.
+        keeping: where the layers are to be kept.
+        overscan: the pixels beyond the display window that are wanted, too.
+
+    Raises:
+        InputError: the file cannot be read, or not all of it.
+    """
+    try:
+        with quiet(), _unlimited():
+            return deep_layers(path, header, names, keeping, overscan)
+    except InputError:
+        raise
+    except Exception as error:  # the libraries raise half a dozen types
+        raise _damaged(path, reason(error)) from error
+
+
 def _part(
     path: Path,
     header: Header,
@@ -94,10 +124,10 @@ def _part(
     overscan: Overscan,
 ) -> Part:
     types = {
-        channel.name: channel.type
-        for channel in header.channels
-        if not header.deep and wanted(header, channel.name)
+        channel.name: channel.type for channel in header.channels if wanted(header, channel.name)
     }
+    if header.deep:
+        return Part(header, flat_channels(path, header, types, keeping, overscan) if types else {})
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}

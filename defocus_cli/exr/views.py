@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from defocus_cli.exr.header import Channel, Header
+from defocus_cli.exr.header import Channel, Header, is_exr, read_headers
 from defocus_cli.system.errors import InputError
+from defocus_cli.system.safe_files import read_head
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,6 +69,19 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
         raise InputError(path, problem, "check --view")
     chosen = views[0] if view is None else known[view.casefold()]
     return tuple(_restricted(header, views, chosen) for header in headers)
+
+
+def require_view(paths: Sequence[Path], view: str | None) -> None:
+    """Refuse the name of a view for files of which none has views.
+
+    Raises:
+        InputError: it is one.
+    """
+    if view is None:
+        return
+    exrs = [path for path in paths if is_exr(read_head(path))]
+    if not any(views_of(read_headers(path)) for path in exrs):
+        raise InputError(paths[0], f"has no views, and so no view {view}", "leave --view out")
 
 
 def default_warning(headers: Sequence[Header], view: str | None) -> str:

@@ -163,6 +163,16 @@ def display_encoded(
     return encoded, above, below
 
 
+def write_map(path: Path, plane: Any) -> None:
+    """Write an array [H, W] of numbers as a float32 TIFF, as they are.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    strips = (plane[rows][..., None].astype("float32") for rows in bands(plane.shape))
+    write_samples(path, plane.shape, strips, "tiff", {})
+
+
 def write_samples(
     path: Path,
     size: tuple[int, int],
@@ -170,7 +180,7 @@ def write_samples(
     codec: str,
     attributes: Mapping[str, str | Tag],
 ) -> None:
-    """Write uint8 or uint16 samples as they are.
+    """Write uint8, uint16 or float32 samples as they are.
 
     Args:
         path: written whole or not at all.
@@ -254,11 +264,13 @@ def _spec(
     import OpenImageIO as oiio  # noqa: N813
 
     (height, width), count = size, samples.shape[2]
-    spec = oiio.ImageSpec(width, height, count, samples.dtype.name)
+    number_type = "float" if samples.dtype.kind == "f" else samples.dtype.name
+    spec = oiio.ImageSpec(width, height, count, number_type)
     spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
     spec.alpha_channel = count - 1 if count in (2, 4) else -1
     # An empty DateTime keeps OpenImageIO from writing the current one.
-    settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": "sRGB"}
+    space = "lin_rec709" if samples.dtype.kind == "f" else "sRGB"
+    settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": space}
     for name, value in {**settings, "Software": "defocus"}.items():
         if isinstance(value, Tag):
             set_tag(spec, name, value)

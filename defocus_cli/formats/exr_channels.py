@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.formats.kinds import MAPS
+from defocus_cli.formats.kinds import NO_DEPTH
 from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from defocus_cli.exr.header import Channel, Header
 
-_FLATTEN = "flatten it first, for example with oiiotool --flatten"
 # Names of colour, and of the layer that holds the whole picture beside its passes.
 _LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}
 _WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
@@ -77,7 +76,7 @@ def choose_color(
 def _chosen_color(
     path: Path, headers: Sequence[Header], layer: str | None, part: int | None
 ) -> ChannelGroup:
-    searched = _flat(path, _headers_of_part(path, headers, part))
+    searched = _flat(_headers_of_part(path, headers, part))
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
         return _named(path, layers, layer, "colour layer", "--color-layer")
@@ -103,12 +102,12 @@ def choose_depth(
         NoDepthChannel: none of the channels is known to be depth.
         InputError: the channel or part is not there, or several channels could be the depth.
     """
-    searched = _flat(path, _headers_of_part(path, headers, part))
+    searched = _flat(_headers_of_part(path, headers, part))
     every = channels_of(path, headers, part)
     if channel is not None:
         return _named(path, every, channel, "channel", "--depth-channel")
     candidates = [c for c in every if _is_depth(c)]
-    if not candidates and len(every) == 1 and every[0].name not in MAPS:
+    if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
         candidates = every
     if len(candidates) > 1:
         # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
@@ -125,9 +124,9 @@ def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list
     """All channels of a file, or of one of its parts, in the order of the file.
 
     Raises:
-        InputError: the part is not there, or all is deep.
+        InputError: the part is not there.
     """
-    searched = _flat(path, _headers_of_part(path, headers, part))
+    searched = _flat(_headers_of_part(path, headers, part))
     return _each(searched)
 
 
@@ -185,11 +184,9 @@ def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) ->
     return headers[part : part + 1]
 
 
-def _flat(path: Path, headers: Sequence[Header]) -> list[Header]:
-    flat = [header for header in headers if not header.deep]
-    if not flat:
-        raise InputError(path, "holds deep data, which has no single colour or depth", _FLATTEN)
-    return flat
+def _flat(headers: Sequence[Header]) -> Sequence[Header]:
+    """The parts that are not deep; all if none is flat."""
+    return [header for header in headers if not header.deep] or headers
 
 
 def _color_layers(header: Header) -> Iterable[ChannelGroup]:

@@ -139,14 +139,14 @@ def _extras(
         plain = {channel.name: channel.plain for channel in part.header.channels}
         if not plain:  # of another view
             continue
-        lost = [name for name in plain if name not in part.channels and not part.header.deep]
+        lost = [name for name in plain if name not in part.channels]
         if lost:
             left_out.append(f"{', '.join(lost)}, with fewer samples than pixels, left out")
-        if part.header.deep or (display.width, display.height) != size:
+        is_of_color = part.header.index == chosen.header.index
+        if (part.header.deep and not is_of_color) or (display.width, display.height) != size:
             why = "which is deep" if part.header.deep else "which is of another size"
             left_out.append(f"part {part.header.label}, {why}, left out")
             continue
-        is_of_color = part.header.index == chosen.header.index
         for name, plane in part.channels.items():
             if is_of_color and name in chosen.channels.values():
                 continue

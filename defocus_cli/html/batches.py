@@ -9,23 +9,20 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.diagnosis.picture import read_picture
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.html import thumbnails
-from defocus_cli.html.budget import ROOM
+from defocus_cli.html.budget import values_room
 from defocus_cli.html.item import Column, Item, Layer, Report
-from defocus_cli.html.layers import Drawn, draw, shown_channels, window_of, with_values
+from defocus_cli.html.layers import WHOLE, window_of, with_values
 from defocus_cli.html.page import write_report
 from defocus_cli.html.render_command import render_command
-from defocus_cli.jobs.job import lens_record_words
+from defocus_cli.html.sample_layers import drawn_files, is_view, wiggle_of
 from defocus_cli.journal.journal import Record, read_all, require_journal
 from defocus_cli.journal.ledger import Ledger
-from defocus_cli.system.errors import InputError
+from defocus_cli.lenses.lens import lens_record_words
 from defocus_cli.system.spreading import spread
 
 _COLUMNS = (
@@ -33,9 +30,7 @@ _COLUMNS = (
     Column("seconds", "rendering", "s"),
 )
 _DIGITS = re.compile(r"(\d+)")
-_PACKED = 1.5  # bytes of base64 that a half takes at least
-_VIEW_SIDE = 960  # px of the thumbnails of views beside values
-_VIEWS = ("left", "right")
+_PACKED = 1.0  # halves that a character holds at most
 
 
 @dataclass(frozen=True)
@@ -79,7 +74,7 @@ def _place(record: Record) -> tuple[bool, list[tuple[int, str]]]:
 
 def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
     """What is to be drawn; values are wanted of the first, while there may be room for them."""
-    room = float(ROOM)
+    room = float(values_room(len(records)))
     for record in records:
         if record["status"] != "ok":
             yield Sample((), values=False)
@@ -92,25 +87,17 @@ def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
         ]
         wanted = room > 0
         planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
-        room -= wanted * math.prod(record["size"]) * planes / _PACKED
+        room -= wanted * min(math.prod(record["size"]), WHOLE) * planes / _PACKED
         yield Sample(files, wanted)
 
 
 def draw_sample(sample: Sample) -> list[Layer]:
     """The layers of a sample; files that cannot be read any more are left out."""
-    drawn: list[Drawn] = []
-    for title, path in sample.files:
-        with suppress(InputError):
-            picture = read_picture(path)
-            is_view = title in _VIEWS and sample.values
-            side = _VIEW_SIDE if is_view else thumbnails.SIDE
-            names = shown_channels(list(picture.planes))
-            drawn.append(draw(title, title, picture, names, side=side))
+    drawn = list(drawn_files(sample.files, values=sample.values))
     if not sample.values or not drawn:
         return [each.layer for each in drawn]
-    kept = [each for each in drawn if each.layer.key not in _VIEWS]
     size = drawn[0].layer.size
-    kept = [each for each in kept if each.layer.size == size]
+    kept = [each for each in drawn if not is_view(each) and each.layer.size == size]
     valued = {layer.key: layer for layer in with_values(kept, window_of(size, None))}
     return [valued.get(each.layer.key, each.layer) for each in drawn]
 
@@ -119,7 +106,6 @@ def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
     is_done = record["status"] == "ok"
     warnings = list(record.get("warnings") or ())
     status = ("warning" if warnings else "done") if is_done else record["status"]
-    keys = {layer.key for layer in layers}
     command = render_command(record, out) if is_done else ""
     return Item(
         name=record["sample_id"],
@@ -133,7 +119,7 @@ def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
         else {"reason": str(record["reason"])},
         commands=[("Render again", command)] if command else [],
         layers=layers,
-        wiggle=_VIEWS if set(_VIEWS) <= keys else (),
+        wiggle=wiggle_of(layers),
     )
 
 

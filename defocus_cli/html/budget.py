@@ -10,15 +10,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from defocus_cli.html.item import Item, Layer
-from defocus_cli.html.layers import DIFFERENCE, A, B
+from defocus_cli.html.layers import DIFFERENCE
 
-ROOM = 36_000_000  # characters of payloads; the file is to have less than 40 MB
-_FOR_THUMBNAILS = ROOM // 2
+ROOM = 38_500_000  # characters of items; the file is to have less than 40 MB
+_FRAME = 1500  # characters of an item beside its texts: names of layers, elements of the table
+_THUMBNAILS = 30_000  # characters of the thumbnails of an item
 
 
 def length(data: bytes) -> int:
     """Characters of base64."""
     return -(-len(data) // 3) * 4
+
+
+def values_room(items: int) -> int:
+    """The room that so many items leave for values, as a guess before they are drawn."""
+    return ROOM - min(ROOM // 2, items * _THUMBNAILS)
 
 
 def _thumbnails(item: Item, *, first: bool) -> int:
@@ -53,9 +59,10 @@ class _Purse:
 
 def fitted(items: Sequence[Item]) -> list[Item]:
     """The items without the payloads that there is no room for."""
-    purse = _Purse(_FOR_THUMBNAILS)
+    room = ROOM - sum(map(_text, items))
+    purse = _Purse(room // 2)
     shown = purse.buy(_thumbnails(item, first=True) for item in items)
-    purse.room += ROOM - _FOR_THUMBNAILS
+    purse.room += room - room // 2
     valued = purse.buy(_values(item) + bool(_values(item)) * _rest(item) for item in items)
     beside = purse.buy(0 if n in valued else _rest(item) for n, item in enumerate(items))
     beside |= valued
@@ -69,12 +76,18 @@ def fitted(items: Sequence[Item]) -> list[Item]:
     ]
 
 
+def _text(item: Item) -> int:
+    """Characters of the texts of an item, of which its name and words stand there twice."""
+    texts = [*(text for pair in (*item.facts, *item.commands) for text in pair)]
+    return _FRAME + 2 * len(item.name + item.words) + sum(map(len, texts))
+
+
 def _rest(item: Item) -> int:
     return _thumbnails(item, first=False)
 
 
 def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Layer]:
-    """The layers that have something to show; A may look like B.
+    """The layers that have something to show.
 
     Args:
         item: the item.
@@ -87,9 +100,4 @@ def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Lay
         stays = first if _is_first(item, layer) else others
         thumbnail = layer.thumbnail if stays else b""
         layers.append(replace(layer, thumbnail=thumbnail, halves=layer.halves if values else None))
-    has_b = any(layer.key == B and layer.thumbnail for layer in layers)
-    return [
-        layer
-        for layer in layers
-        if layer.thumbnail or layer.halves or (layer.key == A and has_b and item.passes)
-    ]
+    return [layer for layer in layers if layer.thumbnail or layer.halves]

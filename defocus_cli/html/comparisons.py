@@ -14,8 +14,9 @@ from pathlib import Path
 from defocus_cli.compare.metrics import METRICS
 from defocus_cli.compare.record import DIFFERENT, STATUSES, WARNING, Comparison, Settings
 from defocus_cli.compare.thresholds import OVER, Rules
-from defocus_cli.html.budget import ROOM
+from defocus_cli.html.budget import values_room
 from defocus_cli.html.item import Column, Item, Report
+from defocus_cli.html.layers import WHOLE
 from defocus_cli.html.page import write_report
 from defocus_cli.html.pair_drawing import Drawing, Subject, draw_pair
 from defocus_cli.html.shell import command_line
@@ -25,7 +26,7 @@ from defocus_cli.system.spreading import spread
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
-_PACKED = 1.5  # bytes of base64 that a half takes at least
+_PACKED = 1.0  # halves that a character holds at most, where B is like A
 _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 
 
@@ -82,11 +83,11 @@ def rank(record: Comparison) -> tuple[int, int, float]:
     return order[record.status], -int(apart), -error if math.isfinite(error) else -math.inf
 
 
-def _subjects(ranked: Iterable[Comparison], coc: Path | None) -> Iterable[Subject]:
+def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subject]:
     """The pairs; values are wanted of those that do not pass, while there may be room for them."""
-    room = float(ROOM)
+    room = float(values_room(len(ranked)))
     for record in ranked:
-        pixels = math.prod(record.size or (0, 0))
+        pixels = min(math.prod(record.size or (0, 0)), WHOLE)
         wanted = room > 0 and (not record.passes or record.status == WARNING)
         room -= wanted * pixels * _HALF_LAYERS / _PACKED
         yield Subject(record, wanted, coc)
@@ -201,6 +202,12 @@ def rule_words(rules: Rules) -> list[object]:
     words: list[object] = [w for rule in rules.fail for w in ("--fail", rule.text)]
     words += [w for rule in rules.warn for w in ("--warn", rule.text)]
     return words + (["--over", rules.over] if rules.over != OVER else [])
+
+
+def setting_lines(settings: Settings) -> list[str]:
+    """What of the pictures was compared, a line each; empty for all."""
+    chosen = {"region": settings.region, "where this is not 0": settings.mask}
+    return [f"Compared: {words} {value}" for words, value in chosen.items() if value is not None]
 
 
 def _setting_words(settings: Settings) -> list[object]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from defocus_cli.diagnosis.picture import Picture
 
-_WHOLE = 1 << 21  # px up to which all values are kept: 1920 x 1080
+WHOLE = 1 << 21  # px up to which all values are kept: 1920 x 1080
 _WINDOW = (1920, 1080)  # px of a window of a larger picture
 A, B, DIFFERENCE = "a", "b", "difference"
 
@@ -94,7 +94,7 @@ def kind_of(names: Sequence[str]) -> str:
 def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
     """The part of a picture whose values are kept: all of it, or what is around a place."""
     width, height = size
-    if width * height <= _WHOLE:
+    if width * height <= WHOLE:
         return 0, 0, width, height
     x, y = place or (width // 2, height // 2)
     wide, high = min(width, _WINDOW[0]), min(height, _WINDOW[1])

@@ -19,7 +19,7 @@ from typing import Any
 from defocus_cli.html import thumbnails
 from defocus_cli.html.budget import fitted
 from defocus_cli.html.item import Column, Item, Layer, Report
-from defocus_cli.html.layers import DIFFERENCE, A, B
+from defocus_cli.html.layers import DIFFERENCE, B
 from defocus_cli.system.console import counted
 from defocus_cli.system.errors import printable
 from defocus_cli.system.safe_files import written_whole
@@ -132,9 +132,6 @@ class _Payloads:
 def _item(item: Item, payloads: _Payloads) -> dict[str, Any]:
     """An item as the script has it."""
     layers = [_layer(layer, payloads) for layer in item.layers]
-    shown = {layer["key"]: layer for layer in layers}
-    if A in shown and B in shown and not shown[A]["thumbnail"]:
-        shown[A]["thumbnail"] = shown[B]["thumbnail"]
     return {
         "name": printable(item.name),
         "status": item.status,

@@ -6,7 +6,7 @@ too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.compare.record import Comparison
 from defocus_cli.compare.selection import coc_file
 from defocus_cli.diagnosis.picture import Picture, in_linear_light, read_picture
-from defocus_cli.formats.kinds import KINDS, SUFFIXES
-from defocus_cli.html import thumbnails
+from defocus_cli.html import sample_layers, thumbnails
 from defocus_cli.html.item import HEAT, Layer
 from defocus_cli.html.layers import (
     DIFFERENCE,
@@ -32,9 +31,6 @@ from defocus_cli.system.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-_VIEWS = ("left", "right")
-_VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
 @dataclass(frozen=True)
@@ -72,26 +68,29 @@ class Drawing:
 def draw_pair(subject: Subject) -> Drawing:
     """Draw a pair; what cannot be read is left out."""
     record = subject.record
-    a, b = (_read(path) for path in (record.a, record.b))
+    equal = record.passes and not record.differing and record.b is not None
+    a, b = None if equal else _read(record.a), _read(record.b)
     whole = b or a
     if whole is None:
         return Drawing()
     if a and b and (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
-    drawn, full = _pair(a, b, record)
+    drawn, full = _pair(a, b, record, "A = B" if equal else "B")
     size = drawn[0].layer.size
-    beside = dict(beside_of(whole.path))
+    files = dict(sample_layers.beside(whole.path))
     if subject.coc is not None:
         with suppress(InputError):
-            beside["coc"] = coc_file(subject.coc, record.name)
-    drawn += companions(beside, size, _VIEW_SIDE if subject.values else thumbnails.SIDE)
+            files["coc"] = coc_file(subject.coc, record.name)
+    others = sample_layers.drawn_files(files.items(), values=subject.values)
+    drawn += [each for each in others if each.layer.size == size]
     layers: Sequence[Layer] = [each.layer for each in drawn]
     if subject.values:
         place = None if record.worst is None else (record.worst.x, record.worst.y)
-        kept = [each for each in drawn if each.layer.key not in _VIEWS]
+        kept = [each for each in drawn if not sample_layers.is_view(each)]
         valued = {each.key: each for each in with_values(kept, window_of(size, place))}
         layers = [valued.get(each.key, each) for each in layers]
-    return Drawing(layers, wiggle_of(layers, whole.path), full, lens_words(whole.metadata))
+    wiggle = sample_layers.wiggle_of(layers, whole.path)
+    return Drawing(layers, wiggle, full, lens_words(whole.metadata))
 
 
 def _read(path: Path | None) -> Picture | None:
@@ -100,9 +99,11 @@ def _read(path: Path | None) -> Picture | None:
     return None
 
 
-def _pair(a: Picture | None, b: Picture | None, record: Comparison) -> tuple[list[Drawn], float]:
-    """A, B and their difference, as far as there are such, and the hottest difference."""
-    sides = [(key, title, each) for key, title, each in ((A, "A", a), (B, "B", b)) if each]
+def _pair(
+    a: Picture | None, b: Picture | None, record: Comparison, title: str
+) -> tuple[list[Drawn], float]:
+    """A, B of a title and their difference, as far as there are such; the hottest difference."""
+    sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]
     _, _, last = sides[-1]
     names = [n for n in last.planes if all(n in each.planes for _, _, each in sides)]
     if not names:
@@ -111,8 +112,6 @@ def _pair(a: Picture | None, b: Picture | None, record: Comparison) -> tuple[lis
     first = sides[0][2]
     ends = draw(A, "A", first, names_shown).layer.ends
     drawn = [draw(key, title, each, names_shown, ends=ends) for key, title, each in sides]
-    if record.passes and len(drawn) == 2:  # they look the same
-        drawn[0] = replace(drawn[0], layer=replace(drawn[0].layer, thumbnail=b""))
     if len(drawn) < 2 or drawn[0].planes[0].shape != drawn[1].planes[0].shape:
         return drawn, 1.0
     difference, full = difference_of(*drawn)
@@ -134,13 +133,12 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
     """The greatest difference of the channels of each pixel; NaN and Inf of both are none."""
     import numpy as np
 
+    greatest: NDArray[Any] = np.zeros(a[0].shape)
     with np.errstate(all="ignore"):
-        differences = []
         for one, other in zip(a, b, strict=True):
             each = np.abs(np.subtract(other, one, dtype=np.float64))
             each[np.equal(one, other) | (np.isnan(one) & np.isnan(other))] = 0.0
-            differences.append(each)
-    greatest: NDArray[Any] = np.max(np.stack(differences), axis=0)
+            np.maximum(greatest, each, out=greatest)
     return greatest
 
 
@@ -153,40 +151,6 @@ def _full(greatest: NDArray[Any]) -> float:
         return 0.0 if finite.size == greatest.size else 1.0
     most = float(np.percentile(finite, 99.9)) or float(finite.max())
     return float(2.0 ** np.ceil(np.log2(most)))
-
-
-def beside_of(path: Path) -> Iterator[tuple[str, Path]]:
-    """Kind and file of what a batch wrote of the same sample, other than the file itself."""
-    own, root = path.parent.name, path.parent.parent
-    if own not in KINDS:
-        return
-    suffixes = dict.fromkeys([path.suffix, *SUFFIXES.values()])
-    for kind in KINDS.values():
-        endings = suffixes if kind.image else (".exr",)
-        files = (root / kind.name / f"{path.stem}{suffix}" for suffix in endings)
-        file = next((file for file in files if file.is_file()), None)
-        if kind.name != own and file is not None:
-            yield kind.name, file
-
-
-def companions(beside: Mapping[str, Path], size: tuple[int, int], side: int) -> list[Drawn]:
-    """Layers of the files beside a picture that are of its size."""
-    drawn = []
-    for kind, path in beside.items():
-        picture = _read(path)
-        if picture is not None and (picture.width, picture.height) == size:
-            names = shown_channels(list(picture.planes))
-            longest = side if KINDS[kind].image else thumbnails.SIDE
-            drawn.append(draw(kind, KINDS[kind].name, picture, names, side=longest))
-    return drawn
-
-
-def wiggle_of(layers: Sequence[Layer], path: Path) -> tuple[str, ...]:
-    """Keys of the left and the right view, where there are both; one of them may be ``b``."""
-    keys = {layer.key: layer.key for layer in layers}
-    if path.parent.name in _VIEWS and B in keys:
-        keys[path.parent.name] = B
-    return tuple(keys[view] for view in _VIEWS) if set(_VIEWS) <= keys.keys() else ()
 
 
 def lens_words(metadata: Mapping[str, str]) -> str:

@@ -9,11 +9,13 @@ from typing import Any
 from defocus_cli.html.shell import command_line
 from defocus_cli.jobs.job import Machine
 from defocus_cli.journal.journal import Record
-from defocus_cli.journal.revived_jobs import revived
+from defocus_cli.journal.revived_jobs import input_place, revived
+from defocus_cli.lenses.lens import EFFECTS
 from defocus_cli.system.errors import InputError
 
 OUT = "again"  # where the command writes
-# Option and unit of each number of a lens; other keys of its record say how it was chosen.
+# Option and unit of each number of a lens; of other keys of its record, effects are options, too,
+# and the rest says how the lens was chosen.
 _LENS = {
     "focal_length_mm": ("--focal-length", "mm"),
     "fnumber": ("--fnumber", ""),
@@ -22,10 +24,14 @@ _LENS = {
     "blades": ("--blades", ""),
     "blade_rotation_deg": ("--blade-rotation", "deg"),
 }
+# What stands between two numbers of an effect, and the unit of each.
+_PAIRS = {"sharp_range": ("..", "mm"), "highlights": (":", ""), "noise": (":", "")}
 _CHOICE = frozenset({"focus_at_px", "focus_percentile", "max_coc_px", "draw"})
 _DEFAULTS = {"blades": 0, "blade_rotation_deg": 0.0, "sensor_width_mm": 36.0}
 _MILLIMETRES = frozenset({"baseline", "depth_range"})
 _MACHINE = ("quality", "tolerance", "depth_repair", "tile")
+# Settings that a command line says; a frame of a shot needs the shot.
+_SETTINGS = frozenset({"stem", "suffix", "lens", "reading", "outputs", *_MACHINE})
 
 
 def render_command(record: Record, out: Path) -> str:
@@ -39,15 +45,18 @@ def render_command(record: Record, out: Path) -> str:
         picture = revived(record, out).picture
     except InputError:
         return ""
-    lens = _lens_words(record["lens"])
-    if lens is None:
+    settings, inputs = record["settings"], record["inputs"]
+    lens = {**record["lens"], **{k: v for k, v in settings["lens"].items() if k in _PAIRS}}
+    if "aperture_image" in inputs:
+        lens["aperture_image"] = input_place(inputs["aperture_image"]["path"], out)
+    if settings.keys() - _SETTINGS or lens.keys() - _LENS.keys() - _CHOICE - EFFECTS.keys():
         return ""
     words: list[object] = ["defocus", "render", picture.color]
     words += [] if picture.depth == picture.color else [picture.depth]
-    words += ["-o", OUT, *lens]
-    if picture.hidden is not None:
-        words += ["--hidden", picture.hidden.color, picture.hidden.depth]
-    settings = record["settings"]
+    words += ["-o", OUT, *_lens_words(lens)]
+    for role, other in picture.others.items():
+        words += [f"--{role}", other.color]
+        words += [other.depth] if role == "hidden" or other.depth != other.color else []
     words += _option_words(settings["reading"]) + _option_words(settings["outputs"])
     machine = {key: settings[key] for key in _MACHINE if key in settings}
     if "tolerance" in machine or machine["quality"] == Machine.quality:
@@ -55,17 +64,24 @@ def render_command(record: Record, out: Path) -> str:
     return command_line(words + _option_words(machine))
 
 
-def _lens_words(lens: Mapping[str, Any]) -> list[object] | None:
-    """The options of a lens; None if it has a number that is no option."""
-    if lens.keys() - _LENS.keys() - _CHOICE:
-        return None
+def _lens_words(lens: Mapping[str, Any]) -> list[object]:
+    """The options of a lens."""
     words: list[object] = []
-    for key, (option, unit) in _LENS.items():
-        value = lens[key]
-        if value is None or value == _DEFAULTS.get(key):
+    for key, value in lens.items():
+        if value is None or key in _CHOICE or value == _DEFAULTS.get(key):
             continue
-        words += [option, value if value == "inf" else f"{value!r}".removesuffix(".0") + unit]
+        option, unit = _LENS.get(key, (f"--{key.replace('_', '-')}", ""))
+        if key in _PAIRS:
+            between, unit = _PAIRS[key]
+            words += [option, between.join(_number(each, unit) for each in value)]
+        else:
+            words += [option, value if isinstance(value, Path) else _number(value, unit)]
     return words
+
+
+def _number(value: object, unit: str) -> str:
+    """A number of a record, exactly, with its unit; infinity has none."""
+    return "inf" if value == "inf" else str(value).removesuffix(".0") + unit
 
 
 def _option_words(values: Mapping[str, Any]) -> list[object]:
@@ -79,8 +95,8 @@ def _option_words(values: Mapping[str, Any]) -> list[object]:
             words += ["--outputs", ",".join(value)]
         elif value is True:
             words.append(option)
-        elif isinstance(value, list):
-            words += [option, *(f"{each}{unit if each != 'inf' else ''}" for each in value)]
+        elif field == "depth_range":
+            words += [option, *(_number(each, unit) for each in value)]
         else:
-            words += [option, f"{value}{unit}"]
+            words += [option, ",".join(value) if isinstance(value, list) else f"{value}{unit}"]
     return words

@@ -14,7 +14,7 @@ from defocus_cli.html.layers import A, B, draw, window_of, with_values
 from defocus_cli.html.page import write_report
 from defocus_cli.html.pair_drawing import difference_of
 from defocus_cli.html.shell import command_line
-from defocus_cli.jobs.job import lens_words
+from defocus_cli.lenses.lens import lens_words
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.formats.color_space import linear_to_srgb, quantised, srgb_to_linear
 from defocus_cli.formats.encode import encoded_samples
 from defocus_cli.html.item import LIGHT, SHARE, SIGNED
-from defocus_cli.rendering.preview import FAR, IN_FOCUS, NEAR, largest
+from defocus_cli.look.preview import FAR, IN_FOCUS, NEAR, largest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,15 +31,24 @@ def of_light(planes: Sequence[NDArray[Any]], gamma: float | None, side: int = SI
     """A JPEG of one or three channels [H, W], as a screen shows them; NaN and Inf are magenta."""
     import numpy as np
 
-    values = np.stack([np.asarray(plane, np.float32) for plane in planes], axis=2)
-    if gamma != 1.0:
-        decoded = srgb_to_linear(values) if gamma is None else np.maximum(values, 0) ** gamma
-        values = decoded.astype(np.float32)
-    values = reduced(values, side).repeat(3 // values.shape[2], axis=2)
+    small = [reduced(_light(plane, gamma)[:, :, None], side) for plane in planes]
+    values = np.concatenate(small * (3 // len(small)), axis=2)
     bad = ~np.isfinite(values).all(axis=2)
     shown = linear_to_srgb(values)
     shown[bad] = NONFINITE
     return _jpeg(quantised(shown, 8))
+
+
+def _light(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
+    """Linear light of a channel."""
+    import numpy as np
+
+    with np.errstate(over="ignore"):
+        values = np.asarray(plane, np.float32)
+    if gamma == 1.0:
+        return values
+    decoded = srgb_to_linear(values) if gamma is None else np.maximum(values, 0) ** gamma
+    return decoded.astype(np.float32)
 
 
 def of_map(plane: NDArray[Any], ends: tuple[float, float], side: int = SIDE) -> bytes:
@@ -47,8 +56,10 @@ def of_map(plane: NDArray[Any], ends: tuple[float, float], side: int = SIDE) -> 
     import numpy as np
 
     low, high = ends
-    values = reduced(np.asarray(plane, np.float32)[:, :, None], side)
-    return _encoded(quantised((values - low) / ((high - low) or 1.0), 8), "png")
+    with np.errstate(all="ignore"):  # NaN, infinity, numbers beyond single precision
+        share = (np.asarray(plane, np.float64) - low) / ((high - low) or 1.0)
+        values = reduced(share.astype(np.float32)[:, :, None], side)
+    return _encoded(quantised(values, 8), "png")
 
 
 def of_difference(greatest: NDArray[Any], full: float, side: int = SIDE) -> bytes:
@@ -58,8 +69,10 @@ def of_difference(greatest: NDArray[Any], full: float, side: int = SIDE) -> byte
     """
     import numpy as np
 
-    worst = reduced(np.asarray(greatest, np.float32)[:, :, None], side, worst=True)[:, :, 0]
-    amount = np.clip(np.nan_to_num(worst / np.float32(full), nan=0.0, posinf=0.0), 0.0, 1.0)
+    with np.errstate(all="ignore"):
+        share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
+    worst = reduced(share[:, :, None], side, worst=True)[:, :, 0]
+    amount = np.clip(np.nan_to_num(worst, nan=0.0, posinf=0.0), 0.0, 1.0)
     places = np.linspace(0, 1, len(HEATS))
     columns = [np.interp(amount, places, [color[k] for color in HEATS]) for k in range(3)]
     shown = np.stack(columns, axis=2).astype(np.float32)

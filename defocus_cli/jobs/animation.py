@@ -16,15 +16,19 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.jobs.lens_options import LENGTHS, PARSERS, checked, parsed, refuse_contradiction
-from defocus_cli.jobs.quantities import text_of
 from defocus_cli.jobs.sweep import SCALES
 from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
+from defocus_cli.lenses.quantities import text_of
 from defocus_cli.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
 from defocus_cli.system.errors import InputError, UsageProblem
 
 INTERPOLATIONS = ("linear", "ease")
-_VARIABLE = {"focus": "disparity", "blade-rotation": "steps", "focus-at": "steps"}  # others: log
-_HOLDS = ("blades",)  # a whole number has nothing between two values
+_VARIABLE = {
+    **{"focus": "disparity", "sharp-range": "disparity"},
+    **dict.fromkeys(("fnumber", "focal-length", "aperture-diameter", "sensor-width"), "log"),
+    **dict.fromkeys((FIELD_OF_VIEW, "squeeze"), "log"),
+}  # others go evenly as they are
+_HOLDS = ("blades", "aperture-image")  # which have nothing between two values
 _DIGITS = 9
 
 
@@ -82,13 +86,22 @@ def _value(name: str, key: Key) -> Any:
 
 def _between(name: str, ends: list[Any], share: float) -> str:
     """The text of a value between two."""
-    to, back = SCALES[_VARIABLE.get(name, "log")]
-    if isinstance(ends[0], tuple):
-        mixed = (round((1 - share) * a + share * b) for a, b in zip(*ends, strict=True))
-        return ",".join(map(str, mixed))
-    value = back((1 - share) * to(ends[0]) + share * to(ends[1]))
-    unit = "mm" if name in LENGTHS and math.isfinite(value) else ""
-    return f"{value:.{_DIGITS}g}{unit}"
+    to, back = SCALES[_VARIABLE.get(name, "steps")]
+
+    def mixed(first: float, last: float) -> float:
+        return back((1 - share) * to(first) + share * to(last))
+
+    if name == "focus-at":
+        return ",".join(str(round(mixed(*pair))) for pair in zip(*ends, strict=True))
+    if isinstance(ends[0], tuple):  # of distances
+        return "..".join(_length(mixed(*pair)) for pair in zip(*ends, strict=True))
+    value = mixed(*ends)
+    return _length(value) if name in LENGTHS else f"{value:.{_DIGITS}g}"
+
+
+def _length(mm: float) -> str:
+    """The text of a length."""
+    return f"{mm:.{_DIGITS}g}mm" if math.isfinite(mm) else "inf"
 
 
 def read_animation(

@@ -5,10 +5,12 @@
                               colour EXR holds its own; ``shot.####.exr`` numbers frames
   frames, missing             of such a shot the frames wanted, and what to do without a file
   hidden-color, hidden-depth  what lies behind, in the same form
+  over-color, over-depth      the plate that elements lie over, in the same form
+  holdout-color               deep pictures that hide what is behind them, in the same form
   list                        CSV or JSONL files with a row for each picture
   pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
 
-A row has ``color`` and, if need be, ``depth``, ``hidden-color``, ``hidden-depth``, ``stem`` (what
+A row has ``color`` and, if need be, ``depth``, those of hidden and over, ``stem`` (what
 its outputs are named) and any option of a lens. Paths are relative to the file they stand in.
 """
 
@@ -22,14 +24,14 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
-from defocus_cli.jobs.job import Picture
+from defocus_cli.jobs.job import OTHERS, Picture
 from defocus_cli.jobs.lens_options import PARSERS, checked, refuse_contradiction
 from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures, whole_shot
 from defocus_cli.jobs.toml_file import Table, refuse_unknown
 from defocus_cli.shots.frame_patterns import MISSING, frame_choice
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 
-FILES = ("color", "depth", "hidden-color", "hidden-depth")
+FILES = ("color", "depth", *(f"{role}-{file}" for role in OTHERS for file in ("color", "depth")))
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
 LIST_SUFFIXES = (".csv", ".jsonl")
@@ -81,31 +83,46 @@ def read_whole_shot(table: Table) -> list[Entry]:
 
     Raises:
         InputError: a pattern matches nothing.
+        UsageProblem: a depth has no colour.
     """
-    color, depth, hidden_color, hidden_depth = _paths(table)
-    if color is None:
+    paths = _paths(table)
+    if "color" not in paths:
         return []
-    hidden = None if hidden_color is None else (hidden_color, hidden_depth)
-    pictures = whole_shot(color, depth, hidden, patterns_in=table.file.parent)
+    others = _others(table, paths)
+    root = table.file.parent
+    pictures = whole_shot(paths["color"], paths.get("depth"), others, patterns_in=root)
     return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
 
 
-def _paths(table: Table) -> list[Path | None]:
-    """Colour and depth, and those of the hidden layer."""
-    return [text if text is None else Path(text) for text in map(table.text, FILES)]
+def _paths(table: Table) -> dict[str, Path]:
+    """The paths of ``[inputs]`` by their keys."""
+    texts = {name: table.text(name) for name in FILES}
+    return {name: Path(text) for name, text in texts.items() if text is not None}
+
+
+def _others(table: Table, paths: Mapping[str, Path]) -> dict[str, tuple[Path, Path | None]]:
+    """Colour and depth of what belongs to each picture, by role."""
+    others = {}
+    for role in OTHERS:
+        other = paths.get(f"{role}-color")
+        if other is not None:
+            others[role] = (other, paths.get(f"{role}-depth"))
+        elif f"{role}-depth" in paths:
+            problem = f"stands without {role}-color"
+            raise UsageProblem(table.place(f"{role}-depth"), problem, "add that")
+    return others
 
 
 def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
-    color, depth, hidden_color, hidden_depth = _paths(table)
+    paths = _paths(table)
+    color, depth = paths.get("color"), paths.get("depth")
     if color is None:
         asked = (*FILES, "frames", "missing")
         lone = next((key for key in asked if key in table.values), None)
         if lone is not None:
             raise UsageProblem(table.place(lone), "stands without color", "add color")
         return []
-    if hidden_color is None and hidden_depth is not None:
-        raise UsageProblem(table.place("hidden-depth"), "stands without hidden-color", "add that")
-    hidden = None if hidden_color is None else (hidden_color, hidden_depth)
+    others = _others(table, paths)
     choice = frame_choice(
         table.text("frames"),
         table.choice("missing", MISSING),
@@ -113,7 +130,7 @@ def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
         keyed,
     )
     root = table.file.parent
-    pictures = find_pictures(color, depth, hidden, patterns_in=root, frames=choice)
+    pictures = find_pictures(color, depth, others, patterns_in=root, frames=choice)
     return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
 
 
@@ -160,17 +177,17 @@ def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
     paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError(where, "names no color", "give it the path of a colour file")
-    hidden = None
-    if "hidden-color" in paths:
-        behind = paths["hidden-color"]
-        hidden = Picture(behind.stem, behind, paths.get("hidden-depth", behind))
-    elif "hidden-depth" in paths:
-        raise InputError(where, "names a hidden-depth without hidden-color", "give it both")
+    others: dict[str, Any] = {}
+    for role in OTHERS:
+        if (other := paths.get(f"{role}-color")) is not None:
+            others[role] = Picture(other.stem, other, paths.get(f"{role}-depth", other))
+        elif f"{role}-depth" in paths:
+            raise InputError(where, f"names a {role}-depth without {role}-color", "give it both")
     color = paths["color"]
     if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(where, "names no depth, which only EXR holds beside colour", "give depth")
     stem = _stem(row["stem"], where) if "stem" in row else color.stem
-    return Entry(Picture(stem, color, paths.get("depth", color), hidden), where, options)
+    return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
 
 
 def _path(value: object, where: str, folder: Path) -> Path:

@@ -6,22 +6,18 @@ Nothing here opens a file, though `Job.files` looks which are there.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from defocus_cli.depth_formats.reading import DepthReading
 from defocus_cli.depth_formats.sidecars import files_beside
 from defocus_cli.formats.kinds import KINDS, PREVIEW, Kind
-from defocus_cli.jobs.quantities import Percentile, length_text
-from defocus_cli.system.errors import UsageProblem
+from defocus_cli.lenses.lens import Lens
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
-DUAL_PIXEL_MODELS = ("split", "smooth")
 FRAME_ROLE = "frame"  # of other frames among the inputs
+OTHERS = ("hidden", "over", "holdout")  # pictures that belong to another one
 TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
@@ -29,105 +25,37 @@ TILES = (16, 1 << 14)  # px; of defocus_core, too
 class Picture:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both.
 
-    `hidden` is a picture of what lies behind the visible surface, where that is known; `frame` its
-    number in a shot.
+    Attributes:
+        stem: its name.
+        color: its colour file.
+        depth: its depth file; of a plate that has none its colour file.
+        hidden: a picture of what lies behind the visible surface, where that is known.
+        over: the plate that it lies over, if it is an element.
+        holdout: a deep picture that hides what is behind it and shows nothing.
+        frame: its number in a shot.
     """
 
     stem: str
     color: Path
     depth: Path
     hidden: Picture | None = None
+    over: Picture | None = None
+    holdout: Picture | None = None
     frame: int | None = None
 
     @property
+    def others(self) -> dict[str, Picture]:
+        """The pictures of the same scene that belong to it, by role: hidden, over, holdout."""
+        found = {role: getattr(self, role) for role in OTHERS}
+        return {role: picture for role, picture in found.items() if picture is not None}
+
+    @property
     def files(self) -> dict[str, Path]:
-        """Its files by role: color, depth; hidden_color, hidden_depth if it has any."""
+        """Its files by role: color, depth; hidden_color, hidden_depth, over_color, … if any."""
         files = {"color": self.color, "depth": self.depth}
-        if self.hidden is not None:
-            files |= {"hidden_color": self.hidden.color, "hidden_depth": self.hidden.depth}
+        for role, other in self.others.items():
+            files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
         return files
-
-
-@dataclass(frozen=True)
-class Draw:
-    """Which of the random lenses of a picture this is.
-
-    Attributes:
-        seed: the seed of the jobs file.
-        picture: name of the picture.
-        index: number of the draw for this picture.
-        options: all options of the lens as texts, drawn or not.
-        attempt: number of draws before this one that did not suit the picture.
-    """
-
-    seed: int
-    picture: str
-    index: int
-    options: tuple[tuple[str, str], ...]
-    attempt: int = 0
-
-
-@dataclass(frozen=True)
-class Lens:
-    """A thin lens, lengths in mm.
-
-    Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
-    the depth; `defocus_cli.rendering.focusing.focused` finds the distance. Where a file holds radii
-    instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
-    """
-
-    foclen: float
-    fnum: float
-    foc_dist: float | None
-    focus_at: tuple[int, int] | None = None
-    sensor_width: float = 36.0
-    blades: int = 0
-    blade_rotation: float = 0.0
-    focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
-    max_coc: float | None = None  # px, largest CoC radius that the picture may have
-    sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
-    blade_curvature: float = 0.0
-    obstruction: float = 0.0
-    spherical: float = 0.0
-    squeeze: float = 1.0
-    aperture_image: Path | None = None
-    dp_model: str = "split"
-    dp_crosstalk: float = 0.0
-    noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
-    noise_seed: int = 0
-    draw: Draw | None = None  # of a random lens; another can be drawn from it
-    # How errors about its focus begin: the file that sets it, or two dashes.
-    focus_source: str = field(default="", compare=False)
-
-    @property
-    def effects(self) -> dict[str, Any]:
-        """Its effects that are on, by the names of their fields: what a lens is without blades."""
-        values = {name: getattr(self, name) for name in EFFECTS}
-        effects = {name: value for name, value in values.items() if value != EFFECTS[name]}
-        if self.aperture_image is not None:
-            effects["aperture_image"] = self.aperture_image.name
-        if self.sharp_range is not None:
-            effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
-        if self.noise is not None:
-            effects["noise"] = "{:g}:{:g}".format(*self.noise)
-        return effects
-
-    @property
-    def is_shape(self) -> bool:
-        """Whether only the shape of the opening is known, as beside a file of radii."""
-        return math.isnan(self.foclen)
-
-
-# Fields of effects that most lenses have not got, and their values if they are off.
-EFFECTS = {
-    field.name: field.default
-    for field in fields(Lens)
-    if field.name
-    in (
-        *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed"),
-    )
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +85,7 @@ class Outputs:
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
+    map_format: str = "exr"  # or tiff, of float32, too
     keep_overscan: bool = False  # pixels beyond the display window are written, too
 
     @property
@@ -171,27 +100,12 @@ class Outputs:
 
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
-        names = {k.name: f"{k.name}/{stem}{k.suffix(self.format)}" for k in self.rows}
+        names = {
+            k.name: f"{k.name}/{stem}{k.suffix(self.format, self.map_format)}" for k in self.rows
+        }
         if self.preview:
             names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
         return names
-
-
-def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
-    """The kinds of output with left and right in one file.
-
-    Args:
-        kinds: as they were asked for.
-        where: option or key that asks for one file, for errors.
-
-    Raises:
-        UsageProblem: left or right is not among them.
-    """
-    row = KINDS["multiview"]
-    if missing := [view for view in row.views if view not in kinds]:
-        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
-        raise UsageProblem(where, problem, "name both, like left,right")
-    return (*(kind for kind in kinds if kind not in row.views), row.name)
 
 
 @dataclass(frozen=True)
@@ -262,6 +176,7 @@ class Job:
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
     shot: Shot | None = None
+    split: str = ""  # of a dataset; it changes nothing in the outputs
 
     @property
     def files(self) -> dict[str, Path]:
@@ -302,48 +217,3 @@ class Job:
     def written(self) -> list[Path]:
         """Every file this job writes."""
         return [self.outputs.root / name for name in self.names.values()]
-
-
-def lens_record(lens: Lens) -> dict[str, Any]:
-    """A lens in plain numbers and words, units in the names; infinity is the word ``inf``.
-
-    Of a lens of which only the shape is known, the other numbers are None.
-    """
-    record: dict[str, Any] = {
-        "focal_length_mm": None if lens.is_shape else lens.foclen,
-        "fnumber": None if lens.is_shape else lens.fnum,
-        "sensor_width_mm": None if lens.is_shape else lens.sensor_width,
-        "focus_mm": "inf" if lens.foc_dist == math.inf else lens.foc_dist,
-        "blades": lens.blades,
-        "blade_rotation_deg": lens.blade_rotation,
-    }
-    record |= lens.effects
-    if lens.focus_at is not None:
-        record["focus_at_px"] = list(lens.focus_at)
-    if lens.focus_percentile is not None:
-        record["focus_percentile"] = lens.focus_percentile
-    if lens.max_coc is not None:
-        record["max_coc_px"] = lens.max_coc
-    if (draw := lens.draw) is not None:
-        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
-    return record
-
-
-def lens_words(lens: Lens) -> str:
-    """A lens in words, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
-    return lens_record_words(lens_record(lens))
-
-
-def lens_record_words(lens: Mapping[str, Any]) -> str:
-    """A record of a lens in words."""
-    shape = f", {lens['blades']} blades" if lens["blades"] else ""
-    shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in EFFECTS if name in lens)
-    if lens["focal_length_mm"] is None:
-        return f"radii of the file{shape}"
-    focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
-    if "focus_percentile" in lens:
-        focus = f"at {Percentile(lens['focus_percentile'])}"
-    if lens["focus_mm"] is not None:
-        focus = f"{length_text(float(lens['focus_mm']))} {focus}".strip()
-    foclen, sensor = (length_text(lens[f"{key}_mm"]) for key in ("focal_length", "sensor_width"))
-    return f"{foclen} f/{lens['fnumber']:g}, focus {focus}, sensor {sensor}{shape}"

@@ -2,6 +2,7 @@
 
 A TOML file with the tables
   [inputs]    pictures, see `defocus_cli.jobs.inputs`
+  [split]     shares of train, test, …, see `defocus_cli.jobs.splits`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
   [animate]   keys of lens options by frame, see `defocus_cli.jobs.animation`; ``file``, files of
               keys; ``interpolation``
@@ -11,7 +12,8 @@ A TOML file with the tables
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-format and the other options of reading, see `defocus_cli.jobs.reading_options`
-  [outputs]   kinds, format, exr-type, jpeg-quality, preview
+  [outputs]   kinds, format, map-format, exr-type, jpeg-quality, preview; inputs = "copy" adds the
+              sharp picture and its depth, kinds image and depth
   [machine]   quality, or tolerance, like "1px"; depth-repair may stand here instead
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
@@ -26,11 +28,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.formats.kinds import FORMAT_ALIASES, KINDS, SUFFIXES
+from defocus_cli.formats.kinds import (
+    FORMAT_ALIASES,
+    INPUTS,
+    KINDS,
+    MAP_FORMATS,
+    SUFFIXES,
+    in_one_file,
+)
 from defocus_cli.jobs.inputs import read_inputs, read_whole_shot
-from defocus_cli.jobs.job import QUALITIES, Job, Lens, Machine, Outputs, Reading, in_one_file
+from defocus_cli.jobs.job import QUALITIES, Job, Machine, Outputs, Reading
 from defocus_cli.jobs.lens_plan import lens_file_of, read_plan
-from defocus_cli.jobs.quantities import pixel_count
 from defocus_cli.jobs.reading_options import (
     NAMES_OF_OPTIONS,
     lens_file_reading,
@@ -39,10 +47,16 @@ from defocus_cli.jobs.reading_options import (
 )
 from defocus_cli.jobs.shot_lenses import animated, read_animation_table
 from defocus_cli.jobs.shots import read_together, with_shot
+from defocus_cli.jobs.splits import read_splits
 from defocus_cli.jobs.toml_file import Table, read_toml, refuse_unknown, table
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.quantities import pixel_count
 from defocus_cli.system.errors import UsageProblem
 
-TABLES = ("inputs", "lens", "animate", "shot", "sweep", "sample", "reading", "outputs", "machine")
+TABLES = (
+    *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
+    *("reading", "outputs", "machine"),
+)
 MOST_JOBS = 10_000_000
 
 
@@ -86,8 +100,9 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
         (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
         return dict(plan.lenses(entry))
 
+    splits = read_splits(named["split"])
     return with_shot(
-        jobs,
+        [dataclasses.replace(job, split=splits.of(job.picture)) for job in jobs],
         [each.picture for each in every],
         lambda picture, suffix: lenses(picture.frame)[suffix],
         together,
@@ -110,7 +125,17 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
     section.refuse_unknown(
-        ("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan")
+        (
+            "kinds",
+            "format",
+            "exr-type",
+            "jpeg-quality",
+            "preview",
+            "multiview",
+            "keep-overscan",
+            "map-format",
+            "inputs",
+        )
     )
     name = section.values.get("format")
     if isinstance(name, str):
@@ -123,8 +148,11 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "jpeg_quality": section.whole("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
         "keep_overscan": section.flag("keep-overscan"),
+        "map_format": section.choice("map-format", MAP_FORMATS),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
+    if section.choice("inputs", ("copy",)) is not None:
+        outputs = dataclasses.replace(outputs, kinds=(*dict.fromkeys((*outputs.kinds, *INPUTS)),))
     if section.flag("multiview"):
         kinds = in_one_file(outputs.kinds, section.place("multiview"))
         outputs = dataclasses.replace(outputs, kinds=kinds)

@@ -20,11 +20,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.jobs import quantities
-from defocus_cli.jobs.job import DUAL_PIXEL_MODELS, Lens
-from defocus_cli.jobs.quantities import length_text, read_at, text_of
 from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_cli.jobs.toml_file import read_toml, refuse_unknown
+from defocus_cli.lenses import quantities
+from defocus_cli.lenses.lens import DUAL_PIXEL_MODELS, Lens
+from defocus_cli.lenses.quantities import length_text, read_at, text_of
 from defocus_cli.system.errors import UsageProblem
 
 # How each option is read, and what a file name calls it.
@@ -36,6 +36,9 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "focus": (quantities.focus, "focus"),
     "focus-at": (quantities.pixel, "at"),
     "sharp-range": (quantities.distances, "sharp"),
+    "cat-eye": (quantities.rim, "rim"),
+    "axial-color": (quantities.shifts, "axial"),
+    "vignetting": (quantities.switch, "vignetting"),
     "blades": (quantities.blades, "blades"),
     "blade-rotation": (quantities.angle, "turn"),
     "blade-curvature": (quantities.within(0, 1, "a curvature", "like 0.5"), "curve"),
@@ -43,6 +46,7 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "spherical": (quantities.within(-1, 1, "a spherical aberration", "like 0.5"), "ring"),
     "squeeze": (quantities.within(1, 4, "a squeeze", "like 2"), "squeeze"),
     "aperture-image": (quantities.file, "pupil"),
+    "highlights": (quantities.highlights, "lights"),
     "dp-model": (quantities.one_of(DUAL_PIXEL_MODELS, "a model of dual pixels"), "dp"),
     "dp-crosstalk": (quantities.within(0, 0.49, "a share of the light", "like 0.15"), "crosstalk"),
     "noise": (quantities.noise, "noise"),
@@ -62,7 +66,8 @@ _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an
 # What decides the radii: nothing where a file holds them. The others are the shape of the opening.
 _OPTICS = (
     *("focal-length", "fnumber", "aperture-diameter", "sensor-width"),
-    *("focus", "focus-at", "sharp-range"),
+    *("focus", "focus-at", "sharp-range", "cat-eye", "vignetting"),
+    "axial-color",
 )
 SHAPES = tuple(name for name in _ROWS if name not in _OPTICS)
 
@@ -92,6 +97,10 @@ def tag(name: str, value: Any) -> str:
     """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
     if isinstance(value, Path):
         text = value.stem
+    elif isinstance(value, bool):
+        text = "on" if value else "off"
+    elif value is None:
+        text = "off"
     elif isinstance(value, str):
         text = value
     elif isinstance(value, quantities.Percentile):
@@ -144,6 +153,9 @@ def make_lens(
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
         refuse_missing(values, _DASHES, lacking)
+    if options.get("vignetting") and "cat-eye" not in values:
+        problem, remedy = "darkens nothing without a rim", "add --cat-eye 1.05:1.5, or leave it out"
+        raise UsageProblem("--vignetting", problem, remedy)
     if options.get("noise-seed") and "noise" not in values:
         problem, remedy = "changes nothing without noise", "add --noise 4000:3, or leave it out"
         raise UsageProblem("--noise-seed", problem, remedy)
@@ -176,6 +188,9 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
         focus_at=values.get("focus-at"),
         sensor_width=values.get("sensor-width", Lens.sensor_width),
         sharp_range=values.get("sharp-range"),
+        cat_eye=values.get("cat-eye"),
+        axial_color=values.get("axial-color"),
+        vignetting=values.get("vignetting", Lens.vignetting),
         focus_percentile=percentile,
         focus_source=source,
         **{field_of(name): values[name] for name in SHAPES if name in values},

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from defocus_cli.jobs.inputs import Entry
-from defocus_cli.jobs.job import Draw, Lens
 from defocus_cli.jobs.lens_options import (
     ALTERNATIVES,
     OF_BLADES,
@@ -30,11 +29,12 @@ from defocus_cli.jobs.lens_options import (
     refuse_optics,
     shape_of,
 )
-from defocus_cli.jobs.quantities import Percentile, pixel_count
 from defocus_cli.jobs.random_lenses import Sampling, distribution, drawn_lens, read_sampling
-from defocus_cli.jobs.shipped_lenses import lens_path
 from defocus_cli.jobs.sweep import Point, read_sweep
 from defocus_cli.jobs.toml_file import Table
+from defocus_cli.lenses.lens import Draw, Lens
+from defocus_cli.lenses.quantities import Percentile, pixel_count
+from defocus_cli.lenses.shipped_lenses import lens_path
 from defocus_cli.system.errors import UsageProblem
 
 METADATA = "lens-from-metadata"

@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from defocus_cli.formats.kinds import PREVIEW
-from defocus_cli.jobs.job import Picture
+from defocus_cli.jobs.job import OTHERS, Picture
 from defocus_cli.jobs.wildcards import has_wildcard, matching, texts_before
 from defocus_cli.shots.frame_patterns import ALL, FrameChoice, chosen, frames_of, is_pattern
 from defocus_cli.system import console
@@ -28,6 +29,8 @@ DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
 }
 SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
 
+Others = Mapping[str, tuple[Path, Path | None]]  # colour and depth of what belongs to a picture
+
 
 @dataclass(frozen=True)
 class _Files:
@@ -41,7 +44,7 @@ class _Files:
 def find_pictures(
     color: Path,
     depth: Path | None,
-    hidden: tuple[Path, Path | None] | None = None,
+    others: Others | None = None,
     *,
     patterns_in: Path | None = None,
     frames: FrameChoice = ALL,
@@ -51,7 +54,8 @@ def find_pictures(
     Args:
         color: a colour file, or a directory of them.
         depth: the depth file or directory; None if each colour EXR holds its own depth.
-        hidden: colour and depth of what lies behind each picture, in the same form.
+        others: colour and depth of what belongs to each picture by role (hidden, over), in the same
+            form.
         patterns_in: the folder that paths are relative to, which then may be patterns.
         frames: the frames wanted of frame patterns.
 
@@ -59,25 +63,33 @@ def find_pictures(
         InputError: a path is missing or of the wrong sort, or files do not pair up.
         UsageProblem: frames are chosen, but no path numbers any.
     """
-    paths = [path for path in (color, depth, *(hidden or ())) if path is not None]
+    others = others or {}
+    every = (color, depth, *(path for pair in others.values() for path in pair))
+    paths = [path for path in every if path is not None]
     if any(is_pattern((patterns_in or Path()) / path) for path in paths):
-        return _shot(color, depth, hidden, patterns_in or Path(), frames)
+        return _shot(color, depth, others, patterns_in or Path(), frames)
     if frames != ALL:
         problem = "chooses frames, but no path numbers them"
         raise UsageProblem(frames.source, problem, "give patterns like 'shot.####.exr'")
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
     colors, pictures = _paired(color, depth, patterns_in, with_text)
-    if hidden is None:
-        return list(pictures.values())
-    hidden_colors, behind = _paired(*hidden, patterns_in, with_text)
-    _refuse_unpaired(colors, hidden_colors)
-    return [replace(picture, hidden=behind[name]) for name, picture in pictures.items()]
+    for role, (other_color, other_depth) in others.items():
+        # a plate needs no depth, and a holdout has its own
+        lone = role != "hidden" and other_depth is None
+        other_colors, found = _paired(
+            other_color, other_color if lone else other_depth, patterns_in, with_text
+        )
+        _refuse_unpaired(colors, other_colors)
+        for name, picture in pictures.items():
+            other: dict[str, Any] = {role: found[name]}
+            pictures[name] = replace(picture, **other)
+    return list(pictures.values())
 
 
 def whole_shot(
     color: Path,
     depth: Path | None,
-    hidden: tuple[Path, Path | None] | None = None,
+    others: Others | None = None,
     *,
     patterns_in: Path | None = None,
 ) -> list[Picture]:
@@ -86,11 +98,12 @@ def whole_shot(
     Raises:
         InputError: a pattern matches nothing, or a path is none.
     """
-    root = patterns_in or Path()
-    paths = [path for path in (color, depth, *(hidden or ())) if path is not None]
+    root, others = patterns_in or Path(), others or {}
+    every = (color, depth, *(path for pair in others.values() for path in pair))
+    paths = [path for path in every if path is not None]
     if not any(is_pattern(root / path) for path in paths):
         return []
-    files = _numbered(color, depth, hidden, root)
+    files = _numbered(color, depth, others, root)
     everywhere = set.intersection(*(set(of) for of in files.values()))
     return [_frame(files, number) for number in sorted(everywhere)]
 
@@ -98,13 +111,15 @@ def whole_shot(
 def _shot(
     color: Path,
     depth: Path | None,
-    hidden: tuple[Path, Path | None] | None,
+    others: Others,
     root: Path,
     frames: FrameChoice,
 ) -> list[Picture]:
     """The pictures of frame patterns, by frame; frames that are left out are named."""
-    files = _numbered(color, depth, hidden, root)
-    paths = (color, depth or color, *((hidden[0], hidden[1] or hidden[0]) if hidden else ()))
+    files = _numbered(color, depth, others, root)
+    paths = [color, depth or color]
+    for other_color, other_depth in others.values():
+        paths += [other_color, other_depth or other_color]
     every = {root / path: of for path, of in zip(paths, files.values(), strict=True)}
     numbers, skipped = chosen(every, frames)
     if skipped:
@@ -113,7 +128,7 @@ def _shot(
 
 
 def _numbered(
-    color: Path, depth: Path | None, hidden: tuple[Path, Path | None] | None, root: Path
+    color: Path, depth: Path | None, others: Others, root: Path
 ) -> dict[str, dict[int, Path]]:
     """The files of frame patterns by role, by number."""
 
@@ -128,17 +143,17 @@ def _numbered(
         problem = "has no depth, which only EXR holds beside colour"
         raise InputError(root / color, problem, "give the depth frames as a second argument")
     paths = {"color": color, "depth": depth or color}
-    if hidden is not None:
-        paths |= {"hidden_color": hidden[0], "hidden_depth": hidden[1] or hidden[0]}
+    for role, (other_color, other_depth) in others.items():
+        paths |= {f"{role}_color": other_color, f"{role}_depth": other_depth or other_color}
     return {role: numbered(path) for role, path in paths.items()}
 
 
 def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> Picture:
     """The picture of a frame."""
-    has_hidden = not prefix and "hidden_color" in files
-    behind = _frame(files, number, "hidden_") if has_hidden else None
+    roles = [role for role in OTHERS if not prefix and f"{role}_color" in files]
+    others = {role: _frame(files, number, f"{role}_") for role in roles}
     color, depth = (files[prefix + role][number] for role in ("color", "depth"))
-    return Picture(files["color"][number].stem, color, depth, behind, frame=number)
+    return Picture(files["color"][number].stem, color, depth, **others, frame=number)
 
 
 def _paired(

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.job import Draw, Lens
 from defocus_cli.jobs.lens_options import PARSERS, lens_of, parsed, refuse_contradiction
-from defocus_cli.jobs.quantities import Percentile, QuantityError, percentage, read_at, text_of
 from defocus_cli.jobs.toml_file import Table
+from defocus_cli.lenses.lens import Draw, Lens
+from defocus_cli.lenses.quantities import Percentile, QuantityError, percentage, read_at, text_of
 from defocus_cli.system.errors import UsageProblem, reason
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ KEYS = ("n", "seed", "max-coc", *PARSERS)
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 _NOT_RANGED = (
     *("blades", "focus-at", "aperture-image", "sharp-range"),
-    *("dp-model", "noise", "noise-seed"),
+    *("dp-model", "cat-eye", "axial-color", "vignetting", "noise", "noise-seed", "highlights"),
 )
 
 

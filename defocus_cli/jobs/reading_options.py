@@ -15,7 +15,8 @@ from typing import Any
 from defocus_cli.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_cli.depth_formats.table import NAMES, UNITS
 from defocus_cli.jobs.job import Reading
-from defocus_cli.jobs.quantities import (
+from defocus_cli.jobs.toml_file import read_toml
+from defocus_cli.lenses.quantities import (
     QuantityError,
     angle,
     length,
@@ -24,7 +25,6 @@ from defocus_cli.jobs.quantities import (
     read_at,
     text_of,
 )
-from defocus_cli.jobs.toml_file import read_toml
 from defocus_cli.system.errors import UsageProblem, did_you_mean
 
 _FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)

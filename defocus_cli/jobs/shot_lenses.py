@@ -21,7 +21,7 @@ from defocus_cli.jobs.animation import (
     read_animation,
 )
 from defocus_cli.jobs.inputs import Entry
-from defocus_cli.jobs.job import Lens, Picture, Reading
+from defocus_cli.jobs.job import Picture, Reading
 from defocus_cli.jobs.lens_options import (
     ALTERNATIVES,
     make_lens,
@@ -31,6 +31,7 @@ from defocus_cli.jobs.lens_options import (
 )
 from defocus_cli.jobs.lens_plan import METADATA, LensPlan
 from defocus_cli.jobs.toml_file import Table
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.shots.key_files import FIELD_OF_VIEW
 from defocus_cli.shots.lens_metadata import Taken, lens_of
 from defocus_cli.system.errors import UsageProblem

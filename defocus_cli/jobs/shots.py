@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from defocus_cli.jobs.job import Job, Lens, Picture, Shot, Taken
+from defocus_cli.jobs.job import Job, Picture, Shot, Taken
 from defocus_cli.jobs.toml_file import Table
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.shots.frame_patterns import window_of
 from defocus_cli.system.errors import UsageProblem
 

@@ -24,8 +24,8 @@ from defocus_cli.jobs.lens_options import (
     refuse_contradiction,
     tag,
 )
-from defocus_cli.jobs.quantities import Percentile
 from defocus_cli.jobs.toml_file import Table, refuse_unknown
+from defocus_cli.lenses.quantities import Percentile
 from defocus_cli.system.errors import UsageProblem
 
 MOST_LENSES = 100_000

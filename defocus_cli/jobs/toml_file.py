@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from defocus_cli.jobs.quantities import read_at, text_of
+from defocus_cli.lenses.quantities import read_at, text_of
 from defocus_cli.system.errors import InputError, UsageProblem, did_you_mean, reason
 
 T = TypeVar("T")

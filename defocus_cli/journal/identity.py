@@ -32,6 +32,7 @@ from defocus_cli.system.console import version
 DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
 Stamp = Mapping[str, Any]
+_PLACES = ("focus_source", "aperture_image")  # of a lens: where it stands, not what it is
 _MOST_STAMPS = 256
 _STAMPS: dict[tuple[object, ...], dict[str, Any]] = {}
 _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
@@ -40,9 +41,7 @@ _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and
 def settings(job: Job) -> dict[str, Any]:
     """The settings of a job as plain values, without its inputs, OUT and the machine."""
     outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
-    lens = {
-        k: v for k, v in _plain(job.lens).items() if k not in ("focus_source", "aperture_image")
-    }
+    lens = {k: v for k, v in _plain(job.lens).items() if k not in _PLACES}
     return {
         "stem": job.picture.stem,
         "suffix": job.suffix,
@@ -60,7 +59,7 @@ def shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
     """What a job takes of its shot, by frame; the files of the frames are inputs."""
 
     def taken(frames: Sequence[Taken]) -> list[Any]:
-        lenses = ({k: v for k, v in _plain(f.lens).items() if k != "focus_source"} for f in frames)
+        lenses = ({k: v for k, v in _plain(f.lens).items() if k not in _PLACES} for f in frames)
         return [[f.picture.frame, lens] for f, lens in zip(frames, lenses, strict=True)]
 
     return {

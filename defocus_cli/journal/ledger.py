@@ -60,8 +60,8 @@ class Ledger:
         """The record by which a job need not be done again; None if it has to be.
 
         That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
-        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, it is
-        a new record that says where.
+        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, or
+        the sample is of another split, it is a new record that says so.
 
         Args:
             job: the job.
@@ -88,7 +88,9 @@ class Ledger:
                 moved[role] = {**stamp, "path": place}
         if record["status"] == "ok" and not self._in_place(record, planned):
             return None
-        return {**record, "inputs": {**record["inputs"], **moved}} if moved else record
+        if moved:
+            record = {**record, "inputs": {**record["inputs"], **moved}}
+        return record if record.get("split", "") == job.split else {**record, "split": job.split}
 
     def has(self, record: Record) -> bool:
         """Whether this very record is one that the journals have, and not superseded."""

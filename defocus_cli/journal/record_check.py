@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.formats.kinds import KINDS
+from defocus_cli.jobs.splits import NAME
 from defocus_cli.journal.reasons import STATUSES
 
 Types = Mapping[str, tuple[type, ...]]
@@ -73,9 +74,16 @@ def fault_of(record: object, outside: frozenset[str] = frozenset()) -> str | Non
         return f"has the status {record['status']!r}, not one of {', '.join(STATUSES)}"
     if not is_moment(record["finished"]):
         return f"finished at {record['finished']!r}, which is no time with a zone"
+    if not _is_split(record.get("split", "")):
+        return f"has the split {record['split']!r:.60}, which is no name"
     if not all(isinstance(warning, str) for warning in record["warnings"]):
         return "has a warning that is no text"
     return _fault_of_picture(record) if record["status"] == "ok" else None
+
+
+def _is_split(name: object) -> bool:
+    """Whether it names a split, or none: shards have its name."""
+    return isinstance(name, str) and (not name or NAME.fullmatch(name) is not None)
 
 
 def wrong_type(values: Mapping[str, Any], types: Types) -> str | None:

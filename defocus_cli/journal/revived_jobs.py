@@ -10,8 +10,8 @@ from typing import Any
 
 from defocus_cli.jobs.job import (
     FRAME_ROLE,
+    OTHERS,
     Job,
-    Lens,
     Machine,
     Outputs,
     Picture,
@@ -22,6 +22,7 @@ from defocus_cli.jobs.job import (
 from defocus_cli.journal.journal import Record
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.journal.plain_values import typed
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError
 
 
@@ -62,6 +63,7 @@ def revived(record: Record, out: Path) -> Job:
             ),
             asked["suffix"],
             shot,
+            record.get("split", ""),
         )
         if set(job.names.values()) != {stamp["path"] for stamp in record["outputs"].values()}:
             raise ValueError("its settings name other files than its outputs")
@@ -73,10 +75,13 @@ def revived(record: Record, out: Path) -> Job:
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
     """The picture whose files have roles with a prefix."""
-    color, depth = (_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
-    has_hidden = not prefix and "hidden_color" in inputs
-    hidden = _picture(stem, inputs, out, "hidden_") if has_hidden else None
-    return Picture(stem, color, depth, hidden)
+    color, depth = (input_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
+    others: dict[str, Any] = {
+        role: _picture(stem, inputs, out, f"{role}_")
+        for role in OTHERS
+        if not prefix and f"{role}_color" in inputs
+    }
+    return Picture(stem, color, depth, **others)
 
 
 def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,7 +103,7 @@ def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Sho
     return Shot(taken(asked["sample"]), window, taken(asked["focus"]), asked.get("motion"))
 
 
-def _place(recorded: str, out: Path) -> Path:
+def input_place(recorded: str, out: Path) -> Path:
     """A path of the journal, relative to the working directory."""
     if Path(recorded).is_absolute():
         return Path(recorded)

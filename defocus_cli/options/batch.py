@@ -12,8 +12,8 @@ import click
 
 from defocus_cli.batch.plan import Execute
 from defocus_cli.jobs.job import Job, Machine
-from defocus_cli.jobs.quantities import byte_count
 from defocus_cli.journal.journal import Shard
+from defocus_cli.lenses.quantities import byte_count
 from defocus_cli.options.shared import cores, device_option, machine_option, memory_options
 from defocus_cli.options.types import Command, Quantity, bundle, option_name
 from defocus_cli.rendering import memory_budget

@@ -10,10 +10,11 @@ from typing import Any
 
 import click
 
-from defocus_cli.jobs.job import Lens, Reading
+from defocus_cli.jobs.job import Reading
 from defocus_cli.jobs.lens_options import PARSERS, SHAPES, make_lens
 from defocus_cli.jobs.reading_options import lens_file_reading
-from defocus_cli.jobs.shipped_lenses import lens_path
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.shipped_lenses import lens_path
 from defocus_cli.options.types import (
     Decorator,
     FilePath,
@@ -36,6 +37,20 @@ _LENS_HELP = {
     "sharp-range": (
         "A..B",
         "Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged elsewhere.",
+    ),
+    "cat-eye": (
+        "SIZE:DISTANCE",
+        "Rim of the barrel that clips the opening off the middle of the picture, like 1.05:1.5: "
+        "its radius and its distance before the opening, in radii of the opening.",
+    ),
+    "axial-color": (
+        "RED:BLUE",
+        "Axial colour, like 0.1mm:0.1mm: how much farther behind the lens red and blue are in "
+        "focus than green. Above 0, rims are green beyond the focus and magenta nearer.",
+    ),
+    "vignetting": (
+        "on|off",
+        "Whether corners are darker by the light that the rim takes away.  [default: off]",
     ),
     "blades": ("N", "Blades of the opening: 0 is round; 3 and more, a polygon in that round."),
     "blade-rotation": (
@@ -62,6 +77,12 @@ _LENS_HELP = {
         "FILE",
         "Picture of the opening instead of blades, grey, PNG, EXR or NPY: bright is open, as a "
         "point beyond the focus shows it.",
+    ),
+    "highlights": (
+        "auto|T:GAIN",
+        "Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like 16, "
+        "from a threshold in linear light, like 0.93, up to white. Pictures with light above 1 "
+        "stay as they are.  [default: off]",
     ),
     "dp-model": (
         "MODEL",

@@ -8,20 +8,14 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import KINDS, MAPS
-from defocus_cli.jobs.job import (
-    DEVICES,
-    QUALITIES,
-    TILES,
-    Machine,
-    Outputs,
-    in_one_file,
-)
-from defocus_cli.jobs.quantities import byte_count, pixel_count
+from defocus_cli.formats.kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
+from defocus_cli.jobs.job import DEVICES, QUALITIES, TILES, Machine, Outputs
+from defocus_cli.lenses.quantities import byte_count, pixel_count
 from defocus_cli.options.types import (
     Command,
     Decorator,
@@ -56,6 +50,43 @@ def hidden_option(command: Command) -> Command:
     )(command)
 
 
+def over_options(command: Command) -> Command:
+    """Hand a command ``over``: colour of a plate, and its depth or None; or None."""
+
+    def make(over: Path | None, over_depth: Path | None) -> tuple[Path, Path | None] | None:
+        if over is None and over_depth is not None:
+            raise UsageProblem("--over-depth", "stands without --over", "give the plate")
+        return None if over is None else (over, over_depth)
+
+    option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
+    plate = option(
+        "--over",
+        metavar="PLATE [DEPTH]",
+        help="Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
+        "the EXR's own, or else infinitely far.",
+    )
+    depth = option("--over-depth", metavar="DEPTH", help="Depth of the plate.")
+    return bundle("over", make, [plate, depth])(command)
+
+
+def holdout_option(command: Command) -> Command:
+    """Hand a command ``holdout``: a deep picture and None for its depth; or None."""
+
+    def make(holdout: Path | None) -> tuple[Path, None] | None:
+        return None if holdout is None else (holdout, None)
+
+    option = grouped_option(
+        "Files",
+        "--holdout",
+        metavar="DEEP",
+        type=FilePath(),
+        default=None,
+        help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
+        "are composited later: colour and alpha are cut out.",
+    )
+    return bundle("holdout", make, [option])(command)
+
+
 def output_options(command: Command) -> Command:
     """Hand a command ``outputs``: what to write, and where."""
     option = functools.partial(grouped_option, "Output")
@@ -86,7 +117,14 @@ def output_options(command: Command) -> Command:
                 type=Format(),
                 default="exr",
                 show_default=True,
-                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float EXR.",
+                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float.",
+            ),
+            option(
+                "--map-format",
+                type=click.Choice(MAP_FORMATS),
+                default="exr",
+                show_default=True,
+                help="Type of the maps: EXR, or float TIFF, which image libraries read, too.",
             ),
             option(
                 "--exr-type",

@@ -34,11 +34,13 @@ class ShotOptions:
         frames: the frames wanted, as text; None for all.
         missing: error or skip.
         together: what the frames have in common.
+        contact: number of pictures on a contact sheet; None for no sheet.
     """
 
     frames: str | None
     missing: str | None
     together: Together
+    contact: int | None = None
 
     def choice(self, animation: Animation) -> FrameChoice:
         """The frames that are wanted.
@@ -87,10 +89,19 @@ def shot_options(command: Command) -> Command:
             help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
             "what other frames have seen of what is hidden is not invented.",
         ),
+        grouped_option(
+            "Shot",
+            "--contact",
+            type=click.IntRange(min=1, max=400),
+            metavar="N",
+            help="Also write N of the pictures, small, to OUT/contact.png.",
+        ),
     ]
 
-    def make(frames: str | None, missing: str | None, **together: Any) -> ShotOptions:
-        return ShotOptions(frames, missing, Together(**together))
+    def make(
+        frames: str | None, missing: str | None, contact: int | None, **together: Any
+    ) -> ShotOptions:
+        return ShotOptions(frames, missing, Together(**together), contact)
 
     return bundle("shot", make, options)(command)
 

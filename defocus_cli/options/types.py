@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from defocus_cli.formats.kinds import FORMAT_ALIASES, SUFFIXES
-from defocus_cli.jobs.quantities import read_at
+from defocus_cli.lenses.quantities import read_at
 from defocus_cli.system.errors import UsageProblem
 
 Command = Callable[..., Any]
@@ -108,15 +108,32 @@ class GroupedOption(click.Option):
 
 
 class GroupedCommand(click.Command):
-    """A command whose help shows its options under their headings, in order."""
+    """A command whose help shows its options under their headings, in order.
+
+    Attributes:
+        seconds: options whose value another may follow, and the option that this is the value of:
+            behind the first argument, ``--over A B`` is ``--over A --over-depth B``.
+    """
+
+    seconds: Mapping[str, str] = {"--over": "--over-depth"}
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; click forgets which command an option without its value belongs to."""
         try:
-            return super().parse_args(ctx, args)
+            return super().parse_args(ctx, self._spelled_out(args))
         except click.UsageError as error:
             error.ctx = error.ctx or ctx
             raise
+
+    def _spelled_out(self, args: list[str]) -> list[str]:
+        """The arguments with the options that second values are the values of."""
+        known = {name for param in self.params for name in param.opts}
+        for first, second in self.seconds.items():
+            place = args.index(first) if first in args[1:] and first in known else 0
+            is_given = len(args) > place + 2 and not args[place + 2].startswith("-")
+            if place and is_given and not args[0].startswith("-"):
+                args = [*args[: place + 2], second, *args[place + 2 :]]
+        return args
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one section for each heading."""

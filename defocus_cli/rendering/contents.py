@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_cli.exr.views import name_in_view
 from defocus_cli.exr.windows import Layout, Window
-from defocus_cli.rendering.noisy_planes import noisy
-from defocus_cli.rendering.opening import disparity_of
+from defocus_cli.look.noisy_planes import noisy
+from defocus_cli.look.opening import disparity_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from defocus_cli.formats.color import Color
     from defocus_cli.formats.kinds import Kind
     from defocus_cli.rendering.outcome import Rendering
 
@@ -36,6 +38,8 @@ class Contents(NamedTuple):
 def contents_of(rendering: Rendering, kind: Kind) -> Contents:
     """The contents of the file of a kind, without overscan unless that is kept."""
     color = rendering.color
+    if kind.source:
+        return _SOURCES[kind.source](rendering)
     names: tuple[str, ...] = (kind.name,)
     extras: dict[str, Any] = {}
     if kind.of_radius:
@@ -53,11 +57,43 @@ def contents_of(rendering: Rendering, kind: Kind) -> Contents:
         display = Window(x, y, x + width - 1, y + height - 1)
         corner = (x - overscan.left, y - overscan.top)
         return Contents(names, planes, extras, Layout(corner, display, kind.views))
-    if any(overscan):
-        window = overscan.shown(*color.shape[:2])
-        planes = tuple(_Shown(plane, window) for plane in planes)
-        extras = {name: _Shown(plane, window) for name, plane in extras.items()}
+    planes = _shown(color, planes)
+    extras = dict(zip(extras, _shown(color, list(extras.values())), strict=True))
     return Contents(names, planes, extras, Layout(color.corner, None, kind.views))
+
+
+def _focus(rendering: Rendering) -> Contents:
+    """The picture shown in false colour."""
+    from defocus_cli.look.focus_picture import focus_planes
+
+    color = rendering.color
+    (radius,) = _shown(color, [rendering.radius])
+    planes = focus_planes(replace(color, planes=_shown(color, color.planes)), radius)
+    return Contents(("R", "G", "B"), planes, {}, Layout(color.corner))
+
+
+def _given_color(rendering: Rendering) -> Contents:
+    """The picture as it was given."""
+    color = rendering.color
+    planes = _shown(color, color.planes[: len(color.channels)])
+    return Contents(color.channels, planes, {}, Layout(color.corner))
+
+
+def _given_depth(rendering: Rendering) -> Contents:
+    """The depth as it was given, in metres."""
+    color = rendering.color
+    return Contents(("Z",), _shown(color, [rendering.metres]), {}, Layout(color.corner))
+
+
+_SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
+
+
+def _shown(color: Color, planes: Sequence[Any]) -> tuple[Any, ...]:
+    """Arrays [H, W] without the pixels beyond the picture shown."""
+    if not any(color.overscan):
+        return tuple(planes)
+    window = color.overscan.shown(*color.shape[:2])
+    return tuple(_Shown(plane, window) for plane in planes)
 
 
 def _image(

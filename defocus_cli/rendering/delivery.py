@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.quantities import length_text
+from defocus_cli.depth.repair import repair_attribute
+from defocus_cli.lenses.quantities import length_text
 from defocus_cli.rendering.contents import contents_of
-from defocus_cli.rendering.depth_repair import repair_attribute
 from defocus_cli.system.arrays import Beside, Stack
 from defocus_cli.system.console import version
 from defocus_cli.system.errors import InputError
@@ -15,7 +15,7 @@ from defocus_cli.system.safe_files import written_together
 
 if TYPE_CHECKING:
     from defocus_cli.formats.kinds import Kind
-    from defocus_cli.jobs.job import Lens
+    from defocus_cli.lenses.lens import Lens
     from defocus_cli.rendering.outcome import Outcome, Rendering
 
 
@@ -39,8 +39,8 @@ def write(rendering: Rendering) -> Outcome:
 def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
     from defocus_cli.exr.writing import write_exr
-    from defocus_cli.formats.encode import write_image
-    from defocus_cli.rendering.preview import write_preview, write_signed_preview
+    from defocus_cli.formats.encode import write_image, write_map
+    from defocus_cli.look.preview import write_preview, write_signed_preview
 
     job, contents = rendering.outcome.job, contents_of(rendering, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
@@ -62,8 +62,11 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
             clamped=rendering.clamped.get(kind.name, 0),
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
+    elif job.outputs.map_format == "tiff":
+        write_map(path, contents.planes[0])
     else:
-        write_exr(path, {kind.name: contents.planes[0]}, attributes, contents.layout)
+        channel = kind.channel or kind.name
+        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout)
     if preview is not None and kind.of_radius:
         write_signed_preview(preview, contents.planes[0])
     elif preview is not None:
@@ -75,13 +78,17 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
     """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
-    job, lens, hidden = outcome.job, outcome.lens, outcome.job.picture.hidden
+    job, lens = outcome.job, outcome.lens
+    others = {
+        role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
+    }
     values = {
         "version": version(),
         "kind": kind.name,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,
-        "hidden": "" if hidden is None else f"{hidden.color.name} {hidden.depth.name}",
+        "hidden": others.pop("hidden", ""),
+        **others,
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
         **_repair(outcome, kind),

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.repair import repair_record, repair_words
 from defocus_cli.jobs.job import Job
-from defocus_cli.rendering.depth_repair import repair_record, repair_words
 from defocus_cli.rendering.memory_budget import base_mb, regions_at_once
 from defocus_cli.rendering.outcome import Outcome
 from defocus_cli.system.arrays import scratch_folder

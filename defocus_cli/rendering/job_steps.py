@@ -6,12 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.focusing import quality_of, radius_map
+from defocus_cli.depth.implausible import implausible
+from defocus_cli.elements.deep import layers_of_scene
+from defocus_cli.elements.overscan import overscan_of
+from defocus_cli.elements.planes import Either
+from defocus_cli.elements.plate import read_over
+from defocus_cli.exr.views import require_view
+from defocus_cli.exr.windows import Overscan
 from defocus_cli.jobs.job import Job, Picture, Reading
-from defocus_cli.rendering.focusing import quality_of, radius_map
-from defocus_cli.rendering.implausible_depth import implausible
-from defocus_cli.rendering.memory_budget import base_mb, capacity_mb, holding
+from defocus_cli.rendering.memory_budget import Holding, base_mb, capacity_mb, holding
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
-from defocus_cli.rendering.overscan import overscan_of
 from defocus_cli.rendering.render_picture import rendered
 from defocus_cli.rendering.shot_decisions import decided_words, shot_focused, shot_repair
 from defocus_cli.rendering.shot_frames import with_neighbours
@@ -40,8 +45,14 @@ def load_inputs(job: Job) -> Loaded:
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
         raise TooLarge(picture.color, problem, "save it as EXR, or allow more --memory")
+    if picture.over is not None:
+        return _over_plate(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
-    if picture.hidden is None or not job.outputs.need_rendering:
+    if not job.outputs.need_rendering:
+        return Loaded(held, color, depth)
+    if (loaded := _with_layers(job, Loaded(held, color, depth))).layers is not None:
+        return loaded
+    if picture.hidden is None:
         return Loaded(held, color, depth)
     behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
     if behind.shape != color.shape:
@@ -52,6 +63,42 @@ def load_inputs(job: Job) -> Loaded:
         problem = f"is {size} but the picture is {wanted}"
         raise InputError(picture.hidden.color, problem, "give --hidden of the same kind")
     return Loaded(held, color, depth, (behind, behind_depth))
+
+
+def _over_plate(job: Job, held: Holding) -> Loaded:
+    """An element and the plate that it lies over, decoded.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: a hidden layer is given, too.
+    """
+    if job.picture.hidden is not None:
+        raise UsageProblem("--hidden", "stands beside --over", "the plate is what lies behind")
+
+    def read_one(one: Picture, reading: Reading, most: Overscan) -> tuple[Color, Depth]:
+        return read(one, reading, held.keeping, job.lens_focal, most)
+
+    color, depth, plate = read_over(job.picture, job.reading, read_one, held.keeping)
+    loaded = Loaded(held, color, depth, plate=plate)
+    return _with_layers(job, loaded) if job.outputs.need_rendering else loaded
+
+
+def _with_layers(job: Job, loaded: Loaded) -> Loaded:
+    """A picture with its samples if it is deep or has a holdout."""
+    picture, plate = job.picture, loaded.plate
+    layers = layers_of_scene(
+        picture,
+        job.reading,
+        parts_of(picture, job.reading)[0],
+        (loaded.color, loaded.depth),
+        None if plate is None else (plate.color, plate.depth),
+        loaded.holding.keeping,
+        job.lens_focal,
+    )
+    if layers is None:
+        return loaded
+    note = f"{loaded.color.note}, {layers.words}"
+    return replace(loaded, color=replace(loaded.color, note=note), layers=layers)
 
 
 def compute(
@@ -70,7 +117,7 @@ def compute(
     """
     outcome, radius = prepare(job, loaded)
     if not job.outputs.need_rendering:
-        return Rendering(outcome, loaded.color, radius, {}, {}, loaded.nothing)
+        return loaded.rendering(outcome, radius)
     outcome, quiet, seen = with_neighbours(outcome, loaded, radius, _read_for)
     return replace(rendered(loaded, quiet, outcome, progress, seen), radius=radius)
 
@@ -82,11 +129,17 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         InputError: the picture cannot be taken with this lens.
         UsageProblem: the options make no sense for this picture or machine.
     """
-    lens = shot_focused(job, loaded.depth, _read_for)
-    decided = None
-    if job.outputs.need_rendering:
-        decided = shot_repair(job, lens, loaded.depth.size, _read_for)
+    if "depth" in job.outputs.kinds and loaded.depth.is_radius:
+        problem = "holds radii, of which no depth can be written"
+        raise InputError(loaded.depth.path, problem, "leave depth out of the outputs")
+    lens = shot_focused(job, loaded, _read_for)
+    decided = shot_repair(job, lens, loaded, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
+    likely = implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale)
+    if loaded.plate is not None:
+        behind, behind_ends = radius_map(lens, loaded.plate.depth, loaded.holding.keeping)
+        radius = Either(radius, loaded.depth.nothing, behind)
+        ends = (min(ends[0], behind_ends[0]), max(ends[1], behind_ends[1]))
     outcome = Outcome(
         job=job,
         lens=lens,
@@ -96,10 +149,7 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
         depth_note=loaded.depth.note,
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, ends),
-        warnings=(
-            *implausible(loaded.depth, radius, ends, lens, declared=job.reading.says_scale),
-            *_warnings(loaded),
-        ),
+        warnings=(*likely, *_warnings(loaded)),
         decided=decided,
         shot_note=decided_words(job.shot, decided),
     )
@@ -115,7 +165,8 @@ def _warnings(loaded: Loaded) -> tuple[str, ...]:
     """Warnings about what the files hold and the renderer ignores."""
     behind = () if loaded.behind is None else loaded.behind[0].warnings
     hidden_warnings = (f"hidden: {warning}" for warning in behind)
-    return *loaded.color.warnings, *loaded.depth.warnings, *hidden_warnings
+    plate = () if loaded.plate is None else loaded.plate.warnings
+    return *loaded.color.warnings, *loaded.depth.warnings, *hidden_warnings, *plate
 
 
 def load() -> None:
@@ -170,6 +221,7 @@ def read(
     reading: Reading,
     keeping: Keeping = IN_MEMORY,
     lens_focal: float | None = None,
+    most: Overscan | None = None,
 ) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid.
 
@@ -178,20 +230,22 @@ def read(
         reading: options that say how to read them.
         keeping: whether they go to memory or to scratch files.
         lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
+        most: the most pixels beyond the picture shown that are read; None for no limit.
 
     Raises:
         InputError: a file cannot be used.
         UsageProblem: the options make no sense for it.
     """
+    from defocus_cli.depth.resizing import of_size
     from defocus_cli.depth_formats.depth import read_depth, require_valid
+    from defocus_cli.elements.alpha import element_depth
     from defocus_cli.formats.color import read_color, require_finite
-    from defocus_cli.rendering.element import element_depth
-    from defocus_cli.rendering.resized_depth import of_size
 
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
-    require_view(picture, reading)
+    require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts)
+    overscan = overscan if most is None else overscan.within(most)
     color = read_color(
         picture.color,
         layer=reading.color_layer,
@@ -221,21 +275,3 @@ def read(
     require_valid(depth)
     require_finite(color)
     return color, depth
-
-
-def require_view(picture: Picture, reading: Reading) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: neither the colour nor the depth file has any.
-    """
-    from defocus_cli.exr.header import is_exr, read_headers
-    from defocus_cli.exr.views import views_of
-    from defocus_cli.system.safe_files import read_head
-
-    if reading.view is None:
-        return
-    exrs = [path for path in (picture.color, picture.depth) if is_exr(read_head(path))]
-    if not any(views_of(read_headers(path)) for path in exrs):
-        problem = f"has no views, and so no view {reading.view}"
-        raise InputError(picture.color, problem, "leave --view out")

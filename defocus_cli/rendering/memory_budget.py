@@ -126,8 +126,8 @@ def _sizes(job: Job) -> tuple[float, float]:
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
     if outputs.need_rendering:
-        if job.picture.hidden is not None:
-            _, behind, whole_behind, _ = _inputs(job.picture.hidden)
+        for other in job.picture.others.values():
+            _, behind, whole_behind, _ = _inputs(other)
             per_pixel, whole = per_pixel + behind + _FLOAT + 1, max(whole, whole_behind)
         per_pixel += sum(kind.memory_bytes(channels, sample) for kind in outputs.rows)
     return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB
@@ -146,6 +146,11 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
             parts = (max(parts, key=lambda part: len(part.channels)),)
         kinds = [kind for part in parts for _, kind in part.channels]
         native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
+        if any(part.deep for part in parts):
+            # the picture in focus in floats; of each layer its channels, metres and radius; and
+            # samples as they are held, their channels in floats, place and rank
+            layers, held = _layers_of(path), _FLOAT * (len(kinds) + 2)
+            native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT + held)
         names = [name for part in parts for name, _ in part.channels]
         light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
         return info.pixels, native, native if info.at_once else 0.0, min(len(kinds), 4) + light
@@ -159,6 +164,16 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
     except InputError:  # the decoder reports it better
         return 0, 0.0, 0.0, 0
     return pixels, arrays + _FLOAT, max(color_whole, depth_whole), count
+
+
+def _layers_of(path: Path) -> int:
+    """The number of layers that a deep EXR becomes."""
+    from defocus_cli.exr.deep_merging import MOST_LAYERS
+    from defocus_cli.exr.deep_samples import most_samples
+    from defocus_cli.exr.header import read_headers
+
+    deep = [header for header in read_headers(path) if header.deep]
+    return min(MOST_LAYERS, max(most_samples(path, header) for header in deep))
 
 
 def _half(job: Job) -> bool:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Job, Lens
-from defocus_cli.rendering.depth_repair import repair_words
+from defocus_cli.depth.repair import repair_words
+from defocus_cli.elements.plate import Plate, alpha_behind_colors, nothing_of
+from defocus_cli.jobs.job import Job
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.memory_budget import Holding
 
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
+    from defocus_cli.elements.layers import Layers
     from defocus_cli.formats.color import Color
-    from defocus_core import DepthRepair
+    from defocus_core import DepthRepair, Views
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,8 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
     repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
-    decided: DepthRepair | None = None  # that of its shot; None if the frame decides
-    shot_note: str = ""  # what other frames decided
+    decided: DepthRepair | None = None  # by its shot; None if the frame decides
+    shot_note: str = ""  # what other frames did for its depth
 
     def depth_words(self, *, rendered: bool = True) -> str:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
@@ -44,17 +48,41 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Loaded:
-    """A picture, decoded, and its hidden layer if the job has and needs one."""
+    """A picture, decoded, and its hidden layer or its plate if the job has and needs one."""
 
     holding: Holding
     color: Color
     depth: Depth
     behind: tuple[Color, Depth] | None = None
+    plate: Plate | None = None
+    layers: Layers | None = None  # of a deep picture that is rendered
+
+    def in_order(self, part: Views) -> Views:
+        """A rendered part with its channels in the order of the colour."""
+        if self.plate is not None:
+            return alpha_behind_colors(part, len(self.color.light))
+        return part if self.layers is None else self.layers.in_order(part)
+
+    @property
+    def is_layered(self) -> bool:
+        """Whether it is rendered as layers, whose depth is not repaired."""
+        return self.plate is not None or self.layers is not None
 
     @property
     def nothing(self) -> Any:
         """Where an element holds nothing, bool [H, W]; None if nowhere."""
-        return self.depth.nothing
+        return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
+
+    def rendering(
+        self,
+        outcome: Outcome,
+        radius: Any,
+        images: Mapping[str, tuple[Any, ...]] = MappingProxyType({}),
+        clamped: Mapping[str, int] = MappingProxyType({}),
+    ) -> Rendering:
+        """What is to be written of it; the arguments are the attributes of `Rendering`."""
+        metres = None if self.depth.is_radius else self.depth.metres
+        return Rendering(outcome, self.color, radius, images, clamped, self.nothing, metres)
 
 
 @dataclass(frozen=True)
@@ -69,6 +97,7 @@ class Rendering:
             of an image, in linear light; one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
         nothing: where an element holds nothing, bool [H, W]; None if nowhere.
+        metres: planar depth in metres [H, W]; None if the file holds radii.
     """
 
     outcome: Outcome
@@ -77,3 +106,4 @@ class Rendering:
     images: Mapping[str, tuple[Any, ...]]
     clamped: Mapping[str, int]
     nothing: Any = None
+    metres: Any = None

@@ -5,13 +5,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.focusing import radius_at_infinity, radius_map
+from defocus_cli.elements.layers import layered
+from defocus_cli.elements.plate import layers_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.jobs.job import Job
-from defocus_cli.rendering.focusing import radius_at_infinity, radius_map
+from defocus_cli.look.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
+from defocus_cli.rendering.colors_apart import (
+    Colors,
+    chosen,
+    lit,
+    of_colors,
+    renderings,
+    transposed,
+    turned_layer,
+)
 from defocus_cli.rendering.memory_budget import holds_cells, image_type, regions_at_once, room_on
-from defocus_cli.rendering.opening import aperture_in_pixels, dual_pixel_of
 from defocus_cli.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import Windows, bands, times
@@ -19,11 +31,12 @@ from defocus_cli.system.errors import TooLarge
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
-    from defocus_core import Behind, HiddenLayer, Stream, Views
+    from defocus_core import Behind, HiddenLayer, Pixels, Stream, Views
 
 Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
 _MANY_CLAMPED = 0.01
+_TRUSTED = 0.99  # share of the lens
 
 
 def rendered(
@@ -60,10 +73,10 @@ def rendered(
         repair=stream.repair,
         render_seconds=wall,
         render_cpu_seconds=cpu,
-        stats={**stream.stats, **scratch},
+        stats={**stream.stats, "pixels_invented": images.invented, **scratch},
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
-    return Rendering(outcome, loaded.color, radius, images.planes, images.clamped, loaded.nothing)
+    return loaded.rendering(outcome, radius, images.planes, images.clamped)
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -90,14 +103,18 @@ def _fill(
     while True:
         images.clamped.clear()
         try:
-            stream = stream_of(loaded, radius, outcome, seen)
-            if at_once is None:
-                at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
-                if at_once < job.machine.threads:  # memory is short
-                    memory.keep_freed(False)
-                    memory.trim()
-            for part in stream.regions(at_once, progress):
-                images.place(part)
+            colors = renderings(loaded, outcome)
+            for number, color in enumerate(colors):
+                stream = stream_of(loaded, radius, outcome, seen, color)
+                if at_once is None:
+                    at_once, _ = regions_at_once(job, stream, loaded.holding, outcome.device)
+                    if at_once < job.machine.threads:  # memory is short
+                        memory.keep_freed(False)
+                        memory.trim()
+                shown = progress and partial(_of_all, progress, number, len(colors))
+                images.invented = 0  # of one rendering
+                for part in stream.regions(at_once, shown):
+                    images.place(loaded.in_order(part), color)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -108,8 +125,17 @@ def _fill(
             at_once = 1
 
 
+def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
+    """Report tiles of one of several renderings of a picture."""
+    progress(number * tiles + done, count * tiles)
+
+
 def stream_of(
-    loaded: Loaded, radius: Any, outcome: Outcome, seen: HiddenLayer | None = None
+    loaded: Loaded,
+    radius: Any,
+    outcome: Outcome,
+    seen: HiddenLayer | None = None,
+    colors: Colors | None = None,
 ) -> Stream:
     """The renderer of a job, which works region by region.
 
@@ -118,30 +144,54 @@ def stream_of(
         radius: signed CoC radius in px, [H, W].
         outcome: the job, and what is known of it so far.
         seen: what other frames have seen of what is hidden.
+        colors: the channels to render; None for all.
     """
-    from defocus_core import Settings, Stream
+    from defocus_core import Settings, Stream, repair_through
 
     job, lens, device = outcome.job, outcome.lens, outcome.device
-    image = Windows(loaded.color.planes, device)
-    aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect)
+    channels, px, turned, shade = colors or Colors(tuple(range(len(loaded.color.planes))))
+    image = lit(Windows(loaded.color.planes, device), loaded.color.channels, lens)
+    image = chosen(image, channels)
+    aperture, longer = aperture_in_pixels(lens, loaded.color.pixel_aspect, shade)
     infinity = None
     if not loaded.depth.is_radius:
-        infinity = longer * radius_at_infinity(lens, outcome.size)
+        infinity = longer * (radius_at_infinity(lens, outcome.size) + px)
+    settings = Settings(
+        aperture=aperture,
+        dual_pixel=dual_pixel_of(lens),
+        cat_eye=cat_eye_of(lens, outcome.size),
+        quality=outcome.quality,
+        left_right=turned or any(kind.halves for kind in job.outputs.rows),
+        threads=job.machine.threads,
+        tile=job.machine.tile,
+        infinity=infinity,
+        depth_repair=job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+        decided=outcome.decided and repair_through(outcome.decided, longer, infinity),
+    )
+    if loaded.layers is not None:
+        keeping = loaded.holding.keeping
+        of_layers = [times(radius_map(lens, d, keeping)[0], longer) for d in loaded.layers.depths]
+        known = layered(loaded.layers, of_layers, device)
+        if known.open or known.number > 1:
+            return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
+    elif loaded.plate is not None:
+        own, behind = (times(array, longer) for array in radius.arrays)
+        layers, repair = layers_of(loaded.color, loaded.plate, (own, behind), settings, device)
+        stream = Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
+        stream.repair = repair
+        return stream
+    radii: Pixels = Windows([times(radius, longer, longer * px)], device, lone=True)
+    behind = of_colors(_hidden(loaded, outcome, seen, longer), channels, longer * px, image)
+    if turned:
+        settings = replace(settings, aperture=aperture.transposed())
+        image, radii = transposed(image), transposed(radii)
+        behind = behind and turned_layer(behind)
     return Stream(
         image,
-        Windows([times(radius, longer)], device, lone=True),
-        Settings(
-            aperture=aperture,
-            dual_pixel=dual_pixel_of(lens),
-            quality=outcome.quality,
-            left_right=any(kind.halves for kind in job.outputs.rows),
-            threads=job.machine.threads,
-            tile=job.machine.tile,
-            infinity=infinity,
-            depth_repair=outcome.decided or job.reading.depth_repair,
-            edge_width=job.reading.edge_width,
-        ),
-        _hidden(loaded, outcome, seen, longer),
+        radii,
+        settings,
+        behind,
         hold=holds_cells(image.shape, room_on(device, loaded.holding.room_mb)),
     )
 
@@ -152,12 +202,14 @@ class _Images:
     Attributes:
         planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
     def __init__(self, job: Job, loaded: Loaded) -> None:
         height, width, channels = loaded.color.shape
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
+        self.invented = 0
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue
@@ -167,17 +219,28 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def place(self, part: Views) -> None:
-        """Copy a rendered region to its place."""
+    def place(self, part: Views, colors: Colors) -> None:
+        """Copy a rendered region to its place: the channels and kinds that were rendered."""
         import numpy as np
 
         from defocus_cli.exr.writing import clamped_half
         from defocus_cli.system.arrays import to_array
 
         top, left, height, width = part.box
+        if colors.turned:
+            top, left, height, width = left, top, width, height
         rows, columns = slice(top, top + height), slice(left, left + width)
+        self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
-            views = [to_array(getattr(part, view)) for view in KINDS[kind].rendered_as]
+            if bool(turned := KINDS[kind].turned) != colors.turned:
+                continue
+            names = (turned,) if turned else KINDS[kind].rendered_as
+            views = [to_array(getattr(part, view)) for view in names]
+            if turned:
+                views = [view.swapaxes(-1, -2) for view in views]
+            if KINDS[kind].image and len(colors.channels) * len(views) < len(planes):
+                apart, some = len(planes) // len(views), colors.channels
+                planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
             if planes[0].dtype == np.float16:
@@ -199,12 +262,13 @@ def _hidden(
     if seen is None:
         return behind
     color, radius, mask = (each.to(outcome.device) for each in seen)
+    radius = radius * longer
     if behind is None:
-        return Behind(color, radius * longer, mask)
+        return Behind(color, radius, mask)
     given = behind.mask[:]
     return Behind(
         behind.color[:].where(given, color),
-        behind.signed_radius[:].where(given, radius * longer),
+        behind.signed_radius[:].where(given, radius),
         given | mask,
     )
 

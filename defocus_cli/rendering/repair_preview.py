@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.color_space import quantised
 from defocus_cli.formats.encode import display_encoded, write_samples
-from defocus_cli.jobs.job import Lens, Picture, Reading
+from defocus_cli.jobs.job import Picture, Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.arrays import Keeping, Windows, bands
 
 if TYPE_CHECKING:
@@ -51,7 +52,8 @@ def repaired_picture(
     """
     import torch
 
-    from defocus_cli.rendering import focusing, job_steps
+    from defocus_cli.depth import focusing
+    from defocus_cli.rendering import job_steps
     from defocus_core import repair_depth
 
     color, depth = job_steps.read(picture, reading, keeping, lens.foclen / lens.sensor_width)

@@ -12,13 +12,16 @@ from functools import lru_cache
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_cli.jobs.job import Job, Lens, Shot, Taken
-from defocus_cli.rendering.focusing import (
+from defocus_cli.depth.focusing import (
     focused,
     lens_scale,
     radius_at_infinity,
     radius_map,
 )
+from defocus_cli.jobs.job import Job, Shot, Taken
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.rendering.memory_budget import holding
+from defocus_cli.rendering.outcome import Loaded
 from defocus_cli.shots.frame_patterns import in_words
 from defocus_cli.system.arrays import Keeping, Windows
 from defocus_cli.system.errors import UserError
@@ -34,18 +37,18 @@ _FOCI: dict[object, float] = {}
 _REPAIRS: dict[object, DepthRepair] = {}
 
 
-def shot_focused(job: Job, depth: Depth, read: Read) -> Lens:
+def shot_focused(job: Job, loaded: Loaded, read: Read) -> Lens:
     """The lens of a job with its focus distance, decided with other frames if its shot says so.
+
+    Deep pictures are focused one by one.
 
     Raises:
         UsageProblem: the focus lies outside the picture, or too near.
         Rejected: no frame has depth to focus on, or the blur exceeds ``max_coc``.
     """
-    shot, lens = job.shot, job.lens
-    if shot is None or lens.draw is not None or not is_found(lens):
-        return focused(lens, depth)
-    frames = shot.focus or shot.sample
-    if not frames:
+    shot, lens, depth = job.shot, job.lens, loaded.depth
+    frames = () if shot is None or loaded.layers is not None else shot.focus or shot.sample
+    if not frames or lens.draw is not None or not is_found(lens):
         return focused(lens, depth)
     foc_dist = _mean_focus(frames, job, read)
     found = dataclasses.replace(lens, foc_dist=foc_dist, focus_at=None, focus_percentile=None)
@@ -82,40 +85,36 @@ def _own_focus(frame: Taken, job: Job, read: Read) -> float:
         while len(_FOCI) >= _KEPT:
             _FOCI.pop(next(iter(_FOCI)))
         of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
-        _, depth = read(of_frame, Keeping(_is_large(job)))
+        _, depth = read(of_frame, holding(job).keeping)
         foc_dist = focused(dataclasses.replace(frame.lens, max_coc=None), depth).foc_dist
         _FOCI[key] = float("inf") if foc_dist is None else foc_dist
     return _FOCI[key]
 
 
-def _is_large(job: Job) -> bool:
-    from defocus_cli.rendering.memory_budget import holding
-
-    return holding(job).scratch
-
-
-def shot_repair(job: Job, lens: Lens, size: tuple[int, int], read: Read) -> DepthRepair | None:
+def shot_repair(job: Job, lens: Lens, loaded: Loaded, read: Read) -> DepthRepair | None:
     """The repair of depth that the shot of a job has decided on; None if each frame decides.
 
     Args:
         job: the job.
         lens: its lens, with the focus distance.
-        size: (width, height) of its pictures.
+        loaded: its decoded inputs; layers are not repaired.
         read: decodes the picture of a job.
     """
     from defocus_core import agreed_repair, repair_through
 
-    shot = job.shot
+    shot, depth = job.shot, loaded.depth
     if shot is None or not shot.sample or job.reading.depth_repair == "off":
+        return None
+    if not job.outputs.need_rendering or loaded.is_layered:
         return None
     key = (shot.sample, job.reading)
     if key not in _REPAIRS:
         _REPAIRS.clear()
         each = [_repair_of(frame, job, read) for frame in shot.sample]
         _REPAIRS[key] = agreed_repair([r for r, _ in each], [scale for _, scale in each])
-    radii = job.reading.holds_radii
-    scale = 1.0 if radii else lens_scale(lens, size)
-    infinity = None if radii else radius_at_infinity(lens, size)
+    radii = depth.is_radius
+    scale = 1.0 if radii else lens_scale(lens, depth.size)
+    infinity = None if radii else radius_at_infinity(lens, depth.size)
     return repair_through(_REPAIRS[key], scale, infinity)
 
 
@@ -123,26 +122,23 @@ def _repair_of(frame: Taken, job: Job, read: Read) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
     import torch
 
-    from defocus_core import diagnose_depth
+    from defocus_core import repair_depth
 
-    keeping = Keeping(_is_large(job))
+    keeping = holding(job).keeping
     of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
     color, depth = read(of_frame, keeping)
-    lens = shot_focused(of_frame, depth, read)
+    lens = shot_focused(of_frame, Loaded(holding(job), color, depth), read)
     radius, _ = radius_map(lens, depth, keeping)
-    height, width = radius.shape
-    size, threads = (width, height), torch.get_num_threads()
-    infinity = None if depth.is_radius else radius_at_infinity(lens, size)
-    image, radii = Windows(color.planes, "cpu"), Windows([radius], "cpu", lone=True)
-    repair = diagnose_depth(
-        radii,
+    infinity = None if depth.is_radius else radius_at_infinity(lens, depth.size)
+    _, repair = repair_depth(
+        Windows([radius], "cpu", lone=True),
+        Windows(color.planes, "cpu"),
         infinity,
-        threads,
-        image=image,
+        torch.get_num_threads(),
         depth_repair=job.reading.depth_repair,
         edge_width=job.reading.edge_width,
     )
-    return repair, 1.0 if depth.is_radius else lens_scale(lens, size)
+    return repair, 1.0 if depth.is_radius else lens_scale(lens, depth.size)
 
 
 @lru_cache(maxsize=8)

@@ -7,15 +7,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Job, Lens
-from defocus_cli.rendering.focusing import radius_map
+from defocus_cli.depth.focusing import radius_map
+from defocus_cli.jobs.job import Job
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.memory_budget import capacity_mb
 from defocus_cli.rendering.outcome import Loaded, Outcome
 from defocus_cli.rendering.shot_decisions import Read
 from defocus_cli.shots.motion_channels import Motion, read_motion
 from defocus_cli.system import memory
 from defocus_cli.system.arrays import bands
-from defocus_cli.system.errors import InputError, TooLarge
+from defocus_cli.system.errors import InputError, TooLarge, UsageProblem
 
 if TYPE_CHECKING:
     import torch
@@ -40,10 +41,17 @@ def with_neighbours(
         loaded: its decoded inputs.
         radius: signed CoC radius in px, [H, W].
         read: decodes the picture of a job.
+
+    Raises:
+        InputError: a neighbour cannot be read, or is unlike the frame.
+        UsageProblem: motion is of no use for it.
     """
     job, repair, seen = outcome.job, outcome.decided, None
     if job.shot is None or len(job.shot.window) < _FEWEST:
         return outcome, radius, None
+    if loaded.is_layered and job.shot.motion is not None:
+        problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
+        raise UsageProblem("--motion", problem, "leave it out")
     quiets = repair is not None and repair.noise is not None
     if not quiets and job.shot.motion is None:
         return outcome, radius, None
@@ -73,7 +81,7 @@ class Neighbours:
         self._job, self._loaded, self._lens, self._read = job, loaded, lens, read
         self._shot, window = job.shot, job.shot.window
         self._window, self._radii = window, dict[int, Any]()
-        self._place = window.index(job.picture) if job.picture in window else 0
+        self._place = [picture.frame for picture in window].index(job.picture.frame)
         others = (place for place in range(len(window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
         if self._shot.motion is not None and loaded.holding.scratch:
@@ -147,9 +155,11 @@ class Neighbours:
         picture = self._window[place]
         channel = self._shot.motion
         assert channel is not None
-        files = (picture.color, picture.depth)
+        files, overscan = (picture.color, picture.depth), self._loaded.color.overscan
         motion: Motion = _CACHE.kept(
-            ("motion", picture, channel), lambda: read_motion(files, channel), self._most_mb()
+            ("motion", picture, channel, overscan),
+            lambda: read_motion(files, channel, overscan),
+            self._most_mb(),
         )
         if motion.to_next.shape[1:] != self._loaded.depth.metres.shape:
             raise InputError(picture.color, "has motion vectors of another size", "render it again")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.system.console import counted
 
 if TYPE_CHECKING:
-    from defocus_cli.rendering.depth_conversion import Converted
+    from defocus_cli.depth.conversion import Converted
 
 
 def record(converted: Converted) -> dict[str, Any]:

@@ -6,7 +6,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.windows import Overscan
-from defocus_cli.jobs.job import Lens, Reading, lens_record
+from defocus_cli.jobs.job import Reading
+from defocus_cli.lenses.lens import Lens, lens_record
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError
 
@@ -74,8 +75,8 @@ def depth_figures(
     """
     import numpy as np
 
-    from defocus_cli.rendering import focusing
-    from defocus_cli.rendering.depth_repair import repair_record, repair_words
+    from defocus_cli.depth import focusing
+    from defocus_cli.depth.repair import repair_record, repair_words
 
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
@@ -120,7 +121,7 @@ def _read(
 ) -> Depth:
     """The depth of a file, with nothing where the alpha of its colour is 0."""
     from defocus_cli.depth_formats.depth import read_depth
-    from defocus_cli.rendering.element import element_depth
+    from defocus_cli.elements.alpha import element_depth
 
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     if color is None:
@@ -141,9 +142,9 @@ def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
-    from defocus_cli.rendering import focusing
-    from defocus_cli.rendering.depth_repair import repair_found
-    from defocus_cli.rendering.implausible_depth import implausible_radii
+    from defocus_cli.depth import focusing
+    from defocus_cli.depth.implausible import implausible_radii
+    from defocus_cli.depth.repair import repair_found
 
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radius, ends = focusing.radius_map(lens, depth, keeping)

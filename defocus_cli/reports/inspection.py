@@ -7,8 +7,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.windows import NO_OVERSCAN
-from defocus_cli.formats.kinds import KINDS, MAPS
-from defocus_cli.jobs.job import Lens, Picture, Reading
+from defocus_cli.formats.kinds import KINDS, NO_DEPTH
+from defocus_cli.jobs.job import Picture, Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.reports.figures import color_figures, depth_figures, ends_of, read_picture
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError, UserError
@@ -46,10 +47,10 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     with put_off():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
 
+    from defocus_cli.elements.overscan import overscan_of
     from defocus_cli.formats.containers import container_type
     from defocus_cli.formats.describe import describe
     from defocus_cli.formats.exr_channels import require_part
-    from defocus_cli.rendering.overscan import overscan_of
     from defocus_cli.reports.depth_evidence import evidence_of, may_be_depth
     from defocus_cli.system.safe_files import read_head
 
@@ -85,13 +86,31 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     return {
         "file": str(path),
         "size": [info.width, info.height],
-        "parts": [_part_record(part) for part in info.parts],
+        "parts": [_part_record(part) | _samples_of(path, part) for part in info.parts],
         "color": color,
         "color_note": color_note,
         "depth": depth,
         "depth_note": depth_note,
         "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
         "maps": maps,
+    }
+
+
+def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
+    """The samples of a deep part of an EXR in figures; nothing of others."""
+    from defocus_cli.exr.deep_samples import summary
+    from defocus_cli.exr.header import read_headers
+
+    if not part.deep or part.data_window is None:
+        return {}
+    found = summary(path, read_headers(path)[part.index])
+    return {
+        "samples": {
+            "most_of_a_pixel": found.most,
+            "total": found.total,
+            "pixels": found.pixels,
+            "range_z": None if found.ends is None else list(found.ends),
+        }
     }
 
 
@@ -224,11 +243,11 @@ def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
 
     from defocus_cli.exr.reading import read_parts
 
-    is_map = any(name in MAPS for part in info.parts for name, _ in part.channels)
+    is_map = any(name in NO_DEPTH for part in info.parts for name, _ in part.channels)
     if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
         return []
     maps = []
-    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in MAPS):
+    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
         for kind, plane in part.channels.items():
             values = (plane[rows] for rows in bands(plane.shape))
             ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]

@@ -7,7 +7,7 @@ from typing import Any
 
 from defocus_cli.exr.windows import Window
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import lens_record_words
+from defocus_cli.lenses.lens import lens_record_words
 from defocus_cli.reports.inspection import range_key
 from defocus_cli.system.console import counted
 
@@ -22,6 +22,8 @@ def lines(record: Mapping[str, Any]) -> Iterator[str]:
         channels = ", ".join(f"{name} {kind}" for name, kind in part["channels"].items())
         deep = ", deep" if part["deep"] else ""
         yield f"  {named if len(record['parts']) > 1 else ''}{channels}{deep}{_layout(part)}"
+        if "samples" in part:
+            yield f"    {_samples(part['samples'])}"
     for shown in record["maps"]:
         kind, ends = KINDS[shown["kind"]], shown[range_key(shown["kind"])]
         reach = f"{ends[0]:.2f} to {ends[1]:.2f} {kind.unit}".rstrip() if ends else ""
@@ -43,6 +45,16 @@ def lines(record: Mapping[str, Any]) -> Iterator[str]:
         yield from _depth_lines(depth, record["depth_note"])
     for sentence in record["evidence"]:
         yield f"  {sentence}"
+
+
+def _samples(samples: Mapping[str, Any]) -> str:
+    """The samples of a deep part in words."""
+    ends = samples["range_z"]
+    depths = f", Z {ends[0]:.6g} to {ends[1]:.6g}" if ends else ", without Z"
+    return (
+        f"{counted(samples['total'], 'sample')} in {counted(samples['pixels'], 'pixel')}, "
+        f"{counted(samples['most_of_a_pixel'], 'sample')} a pixel at most{depths}"
+    )
 
 
 def _layout(part: Mapping[str, Any]) -> str:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import lens_record, lens_record_words, lens_words
+from defocus_cli.jobs.job import FRAME_ROLE
+from defocus_cli.lenses.lens import lens_record, lens_record_words, lens_words
 from defocus_cli.system.arrays import scratch_folder
 from defocus_cli.system.console import counted
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from defocus_cli.jobs.job import Job
 
 
@@ -31,18 +34,25 @@ def plan_record(job: Job) -> dict[str, Any]:
     """Inputs, lens and outputs of a job, for JSON."""
     return {
         "stem": job.sample_id,
-        **{role: str(path) for role, path in job.files.items()},
+        **{role: str(path) for role, path in _own_files(job).items()},
         "lens": lens_record(job.lens),
         "outputs": {kind: str(path) for kind, path in job.paths.items()},
         "previews": {kind: str(path) for kind, path in job.previews.items()},
     }
 
 
+def _own_files(job: Job) -> dict[str, Path]:
+    """The inputs of a job by role, without those of other frames of its shot."""
+    return {role: path for role, path in job.files.items() if not role.startswith(FRAME_ROLE)}
+
+
 def plan_line(job: Job) -> str:
     """Inputs, lens and outputs of a job, in words."""
-    inputs = dict.fromkeys(map(str, job.files.values()))
+    inputs = dict.fromkeys(map(str, _own_files(job).values()))
+    others = 0 if job.shot is None else len(job.shot.pictures.keys() - {job.picture.frame})
+    more = f" and {counted(others, 'other frame')} of the shot" if others else ""
     return (
-        f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}; "
+        f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}{more}; "
         f"would write {_written_words(job)}"
     )
 

@@ -61,7 +61,7 @@ def evidence_of_pair(
     import numpy as np
 
     from defocus_cli.depth_formats.depth import read_depth
-    from defocus_cli.rendering.element import element_depth
+    from defocus_cli.elements.alpha import element_depth
 
     image = read_color(
         color, layer=reading.color_layer, part=None, view=reading.view, keeping=keeping

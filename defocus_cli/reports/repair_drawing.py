@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.jobs.job import Lens, Picture, Reading
+from defocus_cli.jobs.job import Picture, Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.arrays import Keeping
 from defocus_cli.system.errors import UsageProblem
 
@@ -33,7 +34,7 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
         InputError: a file cannot be read, or the drawing not be written.
         UsageProblem: the files are no picture.
     """
-    from defocus_cli.rendering.depth_repair import repair_record, repair_words
+    from defocus_cli.depth.repair import repair_record, repair_words
     from defocus_cli.rendering.repair_preview import repaired_picture, write_repair_preview
 
     if not pairs:

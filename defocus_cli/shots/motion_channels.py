@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_cli.exr.header import is_exr, read_headers
 from defocus_cli.exr.reading import read_parts
+from defocus_cli.exr.windows import NO_OVERSCAN, Overscan
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import read_head
 
@@ -31,12 +32,13 @@ class Motion(NamedTuple):
     to_next: NDArray[np.float32]
 
 
-def read_motion(files: Iterable[Path], channel: str) -> Motion:
+def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVERSCAN) -> Motion:
     """The motion of a frame.
 
     Args:
         files: its colour and depth files; the first that has the channel is read.
         channel: like ``ViewLayer.Vector``, or ``forward``.
+        overscan: the pixels beyond the display window that are wanted, too.
 
     Raises:
         InputError: no file has such a channel, or it cannot be read.
@@ -48,7 +50,7 @@ def read_motion(files: Iterable[Path], channel: str) -> Motion:
         there = [c.name for header in read_headers(path) for c in header.channels]
         wanted = _vectors(there, channel)
         if wanted:
-            return _motion(path, wanted)
+            return _motion(path, wanted, overscan)
         names += there
     layers = ", ".join(sorted({name.rpartition(".")[0] for name in names} - {""})) or "none"
     problem = f"has no motion vectors '{channel}'"
@@ -78,12 +80,12 @@ def _vectors(names: list[str], channel: str) -> dict[str, str]:
     return vectors | dict(zip(("back_x", "back_y"), backward or (), strict=False))
 
 
-def _motion(path: Path, vectors: dict[str, str]) -> Motion:
+def _motion(path: Path, vectors: dict[str, str], overscan: Overscan) -> Motion:
     import numpy as np
 
     named = set(vectors.values())
     planes: dict[str, Any] = {}
-    for part in read_parts(path, wanted=lambda _, name: name in named):
+    for part in read_parts(path, wanted=lambda _, name: name in named, overscan=overscan):
         planes |= {name: plane[:].astype(np.float32) for name, plane in part.channels.items()}
 
     def pair(x: str, y: str, sign: float) -> NDArray[np.float32]:

@@ -130,20 +130,23 @@ class Stack:
 
 
 class _Times:
-    """An array [H, W] times a factor, read by slices."""
+    """An array [H, W] times a factor and plus an offset, read by slices."""
 
-    def __init__(self, array: Any, factor: float) -> None:
-        self._array, self._factor = array, factor
+    def __init__(self, array: Any, factor: float, offset: float) -> None:
+        self._array, self._factor, self._offset = array, factor, offset
         self.shape, self.dtype = array.shape, array.dtype
 
     def __getitem__(self, window: Any) -> NDArray[Any]:
         values: NDArray[Any] = self._array[window] * self.dtype.type(self._factor)
-        return values
+        return values + self.dtype.type(self._offset) if self._offset else values
 
 
-def times(array: Any, factor: float) -> Any:
-    """An array [H, W] times a factor, computed where it is read; itself if that is 1."""
-    return array if factor == 1 else _Times(array, factor)
+def times(array: Any, factor: float, offset: float = 0.0) -> Any:
+    """An array [H, W] times a factor and then plus an offset, computed where it is read.
+
+    The array itself if the factor is 1 and the offset 0.
+    """
+    return array if factor == 1 and offset == 0 else _Times(array, factor, offset)
 
 
 class Beside:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
@@ -15,6 +16,7 @@ from torch import Tensor
 
 from defocus_core.images.box import Box
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 
 # Number of kernels cached for further frames, more than a picture has slices.
@@ -45,7 +47,13 @@ def transform_length(n: int) -> int:
 
 
 def kernels(
-    radii: Tensor, extent: int, aperture: Aperture, parts: list[Part], *, leaning: bool = False
+    radii: Tensor,
+    extent: int,
+    aperture: Aperture,
+    parts: list[Part],
+    *,
+    rims: Sequence[Rim] = (),
+    leaning: bool = False,
 ) -> Tensor:
     """Kernels of all parts, in the middle of a square.
 
@@ -53,28 +61,38 @@ def kernels(
         radii: [K] signed radii in px, float64.
         extent: Greatest reach of the kernels in px.
         aperture: The pupil.
-        parts: M parts of the pupil.
+        parts: M parts of the pupil; with rims, each of them once with each.
+        rims: Rims that clip the pupil.
         leaning: Whether to add kernels times u.x and times u.y, for tilted surfaces.
 
     Returns:
         [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
-    drawn = _kernel.__wrapped__ if aperture.learns else _kernel
+    drawn = _kernel.__wrapped__ if aperture.learns or rims else _kernel  # a region keeps its own
     aperture = aperture if aperture.learns else aperture.fixed
     return torch.stack(
         [
-            torch.stack([drawn(radius, extent, aperture, part, leaning) for part in parts], 1)
+            torch.stack(
+                [
+                    drawn(radius, extent, aperture, part, rim, leaning)
+                    for part in parts
+                    for rim in rims or (None,)
+                ],
+                1,
+            )
             for radius in radii.tolist()
         ]
     )
 
 
 @lru_cache(maxsize=_KEPT)
-def _kernel(radius: float, extent: int, aperture: Aperture, part: Part, leaning: bool) -> Tensor:
+def _kernel(
+    radius: float, extent: int, aperture: Aperture, part: Part, rim: Rim | None, leaning: bool
+) -> Tensor:
     """The kernel of one part, [1 or 3, S, S]; cached, for all frames use the same radii."""
     with torch.inference_mode(False):  # it is cached for calls that need gradients, too
         r = torch.tensor(radius, dtype=torch.float64, device="cpu")
-        plain = aperture.kernel(r, 2 * extent + 1, part)[None]
+        plain = aperture.kernel(r, 2 * extent + 1, part, rim)[None]
         return torch.cat([plain, plain * _lens_points(r, extent, aperture)]) if leaning else plain
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from defocus_core.blur.fourier import kernel_spectra, kernels, reach, transform_length
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 
 # Number of sizes of a window's transforms: quarters of the largest.
@@ -46,7 +47,8 @@ class Window:
         slices: Numbers of the slices.
         radii: [k] radii of the slices in px, float64.
         aperture: The pupil.
-        parts: M parts of the pupil.
+        parts: The parts of the pupil.
+        rims: Rims that clip the pupil: M counts each part once with each.
         like: A tensor of the dtype and device of the spectra.
         kernels: Cached kernels, by number of the slice.
         spectra: Cached spectra, by number of the slice, size, and whether they lean.
@@ -61,11 +63,30 @@ class Window:
     aperture: Aperture
     parts: list[Part]
     like: Tensor
+    rims: tuple[Rim, ...] = ()
     kernels: dict[int, Tensor] = field(default_factory=dict)
     spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
     planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
         default_factory=dict
     )
+
+    @property
+    def learns(self) -> bool:
+        """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
+        sizes = (value for rim in self.rims for value in rim)
+        clipped = any(isinstance(value, Tensor) and value.requires_grad for value in sizes)
+        return self.aperture.learns or clipped
+
+    def behind(self, rims: Sequence[Rim]) -> Window:
+        """The same window with a pupil that is clipped by rims."""
+        window = replace(self, rims=tuple(rims), kernels={}, spectra={}, planes={})
+        window.prepare()
+        return window
+
+    def prepare(self) -> None:
+        """Draw the kernels once if they learn, outside of what a backward pass computes again."""
+        for number in self.slices if self.learns and self.margin else ():
+            self.leaning_kernels(number)
 
     def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
         """The spectrum of a slice's kernel: [M, 1, height, width // 2 + 1]."""
@@ -78,7 +99,7 @@ class Window:
     def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
         """The spectrum of a slice for a plane of a slope, x and y: [M, 1, ...]."""
         cached = self.planes.setdefault((number, size), {})
-        if self.aperture.learns:
+        if self.learns:
             cached.clear()
         spectrum = cached.get(slope)
         if spectrum is None:
@@ -109,7 +130,7 @@ class Window:
             versions = self._kernels(number, leaning=leaning)
             kernel = versions[1:] if leaning else versions[0]
             spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
-            if not self.aperture.learns:  # a backward pass computes it again
+            if not self.learns:  # a backward pass computes it again
                 self.spectra[key] = spectrum
         return spectrum
 
@@ -122,7 +143,9 @@ class Window:
         cached = self.kernels.get(number)
         if cached is None or (leaning and len(cached) == 1):
             radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
-            computed = kernels(radius, self.margin, self.aperture, self.parts, leaning=leaning)
+            computed = kernels(
+                radius, self.margin, self.aperture, self.parts, rims=self.rims, leaning=leaning
+            )
             cached = self.kernels[number] = computed[0].to(self.like.real)
         return cached
 
@@ -164,9 +187,7 @@ def windows(
         layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
         size = rows, columns
         window = Window(extent, size, halvings, slices, layer_radii, aperture, parts, like)
-        if aperture.learns:  # once, outside of what a backward pass computes again
-            for k in slices:
-                window.leaning_kernels(k)
+        window.prepare()
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]
 

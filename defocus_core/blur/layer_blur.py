@@ -7,6 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.blur.field_blend import blended, corner_groups
 from defocus_core.blur.fourier import crop_inverse, sum_of_products
 from defocus_core.blur.kernel_bank import Window
 from defocus_core.blur.reduced_resolution import Reduced
@@ -79,6 +80,8 @@ class Blur:
         grid: Grid,
         groups: list[slice],
         middle: tuple[Axis, Axis],
+        *,
+        by_corners: bool = False,
     ) -> None:
         """Keep the settings that all surfaces share.
 
@@ -88,11 +91,13 @@ class Blur:
             grid: The tiles, counted from the first sample of a surface.
             groups: Groups of aperture parts; each is computed as if it were alone, to the last bit.
             middle: The middle of the frame, counted from the first sample of a surface.
+            by_corners: Whether windows have the pupils of the four corners of the region.
         """
+        self._by_corners = by_corners
         self._windows = windows
         self._reaches = reaches
         self._grid = grid
-        self._groups = groups
+        self._groups = corner_groups(groups) if by_corners else groups
         self._middle = middle
 
     def sliced(self, samples: Samples, stride: int, layer_of: list[int]) -> Sliced:
@@ -148,14 +153,14 @@ class Blur:
         for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
             if number in sliced.reduced and (reduced := sliced.reduced[number].over(tile)):
                 box = reduced[0].seen_from(tile)
-                for by_layer, layer in zip(shown, reduced[1], strict=True):
+                for by_layer, layer in zip(shown, self._blended(*reduced), strict=True):
                     by_layer[number] = Shown(box, layer, None)
         near = any(piece.near for piece in sliced.pieces[index])
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
             blurred = self._blurred(sliced, piece, index) if piece.window.margin else None
             box = piece.patch.shown.seen_from(tile)
-            layers = blurred or self._sharp(sliced, piece)
+            layers = self._blended(piece.patch.shown, blurred or self._sharp(sliced, piece))
             moved = None
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
@@ -165,6 +170,12 @@ class Blur:
             for by_layer, layer in zip(shown, layers, strict=True):
                 by_layer[piece.number] = Shown(box, layer, moved if by_layer is shown[-1] else None)
         return shown
+
+    def _blended(self, box: Box, layers: list[Tensor]) -> list[Tensor]:
+        """Layers of groups [m, C + 1, h, w] in a box, from those of the corners of the region."""
+        if not self._by_corners:
+            return layers
+        return [blended(layer, box, self._grid.box) for layer in layers]
 
     def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
         """A layer where it shows, for each group of m parts: [m, C + 1, h, w]."""

@@ -17,7 +17,7 @@ from defocus_core.compositing.saturating_sum import (
 from defocus_core.images.box import Box
 
 # Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
-_NEGLIGIBLE = 1e-4
+_NEGLIGIBLE = 0.05
 
 
 class Fronts:

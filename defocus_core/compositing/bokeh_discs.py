@@ -9,7 +9,7 @@ bright disc.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
@@ -19,8 +19,10 @@ from torch.nn.functional import pad
 from defocus_core.blur.fourier import reach
 from defocus_core.compositing.disc_occlusion import Obstruction, Squares
 from defocus_core.compositing.highlights import Highlights
+from defocus_core.compositing.screens import Screen
 from defocus_core.images.box import Box
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 
 # Samples drawn at once: bounds memory.
@@ -37,12 +39,14 @@ class _Alike(NamedTuple):
         radii: [U] px, their different radii.
         which: [n] the index in `radii` of each highlight, ascending.
         extent: Greatest distance in px from a highlight to a pixel of its disc.
+        barrel: The rim that clips the pupil, as each radius sees it.
     """
 
     highlights: Highlights
     radii: Tensor
     which: Tensor
     extent: int
+    barrel: Rim | None = None
 
     def between(self, start: int, end: int) -> _Alike:
         """The highlights from `start` to before `end`."""
@@ -52,32 +56,32 @@ class _Alike(NamedTuple):
 
 def draw(
     highlights: Highlights,
-    signed_radius: Tensor,
-    places: Tensor,
+    screens: Sequence[Screen],
     radii: tuple[float, ...],
     aperture: Aperture,
     parts: list[Part],
     box: Box,
+    barrel: Rim | None = None,
 ) -> Tensor:
     """The discs of all highlights as the parts of the aperture see them: [M, C, height, width].
 
     Args:
         highlights: As `highlights.split` finds them.
-        signed_radius: [H, W] px of all pixels.
-        places: [H, W] positions of all pixels on the ladder.
-        radii: The ladder.
+        screens: The surfaces of all pixels.
+        radii: The ladder of their slices.
         aperture: The pupil.
         parts: M parts of the pupil.
         box: The rectangle of the frame to draw.
+        barrel: The rim that clips the pupil, as each highlight sees it.
     """
-    most = max(*places.shape, box.top + box.height, box.left + box.width)
+    most = max(*screens[0].places.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
-    obstruction = Obstruction(signed_radius.detach(), places.detach(), radii)
-    for alike in _alike(highlights, most, box):
+    obstruction = Obstruction(screens, radii)
+    for alike in _alike(highlights, most, box, barrel):
         squares = Squares.of(alike.extent)
         rims, cut = [], []
         for part in parts:
-            kernels = aperture.kernel(alike.radii, 2 * alike.extent + 1, part)
+            kernels = aperture.kernel(alike.radii, 2 * alike.extent + 1, part, alike.barrel)
             rims.append(_Rim(kernels))
             cut.append(squares.cut(kernels))
         lit = torch.stack([(x != 0).any(-1).any(-1) for x in cut])  # [M, U, across, across]
@@ -87,7 +91,7 @@ def draw(
             chunk = alike.between(start, start + step)
             for m, rim in enumerate(rims):
                 canvas.add_rims(m, rim, chunk)
-            at, r = chunk.highlights.at, chunk.highlights.signed_radius.detach()
+            at, r = chunk.highlights.at, chunk.highlights.signed_radius
             for occluded in obstruction.occluded(at, r, squares, wanted[chunk.which]):
                 which = chunk.which[occluded.light]
                 for m, kernels in enumerate(cut):
@@ -99,9 +103,9 @@ def draw(
     return canvas.summed(highlights.light.dtype)
 
 
-def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
+def _alike(highlights: Highlights, most: int, box: Box, barrel: Rim | None) -> Iterator[_Alike]:
     """The highlights whose discs, `most` px wide at most, reach a box: in groups, widest first."""
-    everything, spreads = _widest_first(highlights, most, box)
+    everything, spreads = _widest_first(highlights, most, box, barrel)
     counts = torch.bincount(everything.which, minlength=len(spreads))
     ends = [0, *counts.cumsum(0).tolist()]  # where the highlights of each radius begin and end
     first = 0
@@ -112,16 +116,30 @@ def _alike(highlights: Highlights, most: int, box: Box) -> Iterator[_Alike]:
         chosen = everything.between(ends[first], ends[end])
         if len(chosen.which):
             yield _Alike(
-                chosen.highlights, everything.radii[first:end], chosen.which - first, extent
+                chosen.highlights,
+                everything.radii[first:end],
+                chosen.which - first,
+                extent,
+                _chosen(everything.barrel, slice(first, end)),
             )
         first = end
 
 
-def _widest_first(highlights: Highlights, most: int, box: Box) -> tuple[_Alike, list[int]]:
+def _chosen(barrel: Rim | None, which: Tensor | slice) -> Rim | None:
+    """The rim as the points of these indices see it; its size is common to all."""
+    if barrel is None:
+        return None
+    x, y = (torch.as_tensor(place)[which] for place in (barrel.x, barrel.y))
+    return barrel._replace(x=x, y=y)
+
+
+def _widest_first(
+    highlights: Highlights, most: int, box: Box, barrel: Rim | None
+) -> tuple[_Alike, list[int]]:
     """All highlights whose discs reach a box, and the extent [U] in px for each radius."""
     radii, at = highlights.signed_radius, highlights.at
     which = torch.arange(len(radii), device=radii.device)
-    if not radii.requires_grad:  # many highlights are equally far away
+    if not radii.requires_grad and barrel is None:  # many highlights are equally far away
         radii, which = torch.unique(radii, return_inverse=True)
     spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
     wide = spread.argsort(descending=True, stable=True)
@@ -132,7 +150,8 @@ def _widest_first(highlights: Highlights, most: int, box: Box) -> tuple[_Alike, 
     order = which.argsort(stable=True)
     order = order[(away <= spread[which])[order]]
     reaching = Highlights(*(values[order] for values in highlights))
-    return _Alike(reaching, radii, which[order], most), spread.tolist()
+    barrel = _chosen(barrel, wide)
+    return _Alike(reaching, radii, which[order], most, barrel), spread.tolist()
 
 
 class _Rim:

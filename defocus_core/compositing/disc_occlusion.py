@@ -1,22 +1,23 @@
 """Occlusion of a highlight's disc by the surfaces before it.
 
 Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
-radius r_k in front of it at q + u (r_q - r_k). Squares of a disc that no nearer slice is in front
-of are skipped. A small disc has too few pixels to sample u: it is dimmed evenly, by the mean over
-the lens.
+radius r_k in front of it at q + u (r_q - r_k). Beside depth edges the coverage there is
+interpolated between pixels: a shadow has a rim as smooth as its surface. Squares of a disc that no
+nearer slice is in front of are skipped. A small disc has too few pixels to sample u: it is dimmed
+evenly, by the mean over the lens.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.compositing.screens import Screen, Screens
 from defocus_core.images.tiling import BLOCK
-from defocus_core.layers.block_index import blocks_of
 
 # A surface occludes a light if it is nearer by this many px of radius and by this share of it; no
 # round numbers, so that rounding does not decide.
@@ -104,16 +105,15 @@ class _Lights(NamedTuple):
 class Obstruction:
     """Surfaces before lights."""
 
-    def __init__(self, signed_radius: Tensor, places: Tensor, radii: tuple[float, ...]) -> None:
+    def __init__(self, screens: Sequence[Screen], radii: tuple[float, ...]) -> None:
         """Find which blocks hold pixels of which slices.
 
         Args:
-            signed_radius: [H, W] px.
-            places: [H, W] positions on the ladder.
+            screens: The surfaces, at least one.
             radii: The ladder.
         """
-        self._signed_radius, self._places, self._radii = signed_radius, places, radii
-        blocks = blocks_of(places, len(radii))
+        self._radii, self._screens = radii, Screens(screens, len(radii))
+        blocks = self._screens.blocks
         self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
 
     def occluded(
@@ -143,7 +143,7 @@ class Obstruction:
 
     def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
         """The rungs [k] that may stand before any of the lights, and the lights."""
-        limit = nearer_than(radius)
+        limit = nearer_than(radius.detach())
         radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
         before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
         rungs = torch.nonzero(before.any(0))[:, 0]
@@ -157,17 +157,15 @@ class Obstruction:
         first = torch.arange(squares.across, device=rungs.device) * squares.side - squares.extent
         last = (first + squares.side - 1).clamp(max=squares.extent)
         ends = []
-        for axis, length in enumerate(self._places.shape):
+        for axis, length in enumerate(self._screens.size):
             at, small = lights.at[:, axis, None, None], lights.small[:, None, None]
             lens = lights.spread[:, :, None]
-            blocks = [
-                _pixel(
-                    at, torch.where(small, end * lens, lights.scale[:, :, None] * x), length
-                ).div(BLOCK, rounding_mode="floor")
+            places = [
+                at + torch.where(small, end * lens, lights.scale[:, :, None] * x)
                 for end, x in ((-1, first), (1, last))
             ]
-            low, high = torch.minimum(*blocks), torch.maximum(*blocks)
-            ends.append((low, high + 1))
+            low, high = torch.minimum(*places).floor(), torch.maximum(*places).ceil()
+            ends.append((_block(low, length), _block(high, length) + 1))
         (top, below), (left, beside) = ends
         columns, sums = self._sums.shape[2], self._sums.flatten()
         plane = (rungs * self._sums[0].numel())[:, None, None]
@@ -191,7 +189,7 @@ class Obstruction:
             corner: [m, 2] px from the light to the first pixel of its square.
             side: Width of a square in px.
         """
-        H, W = self._places.shape
+        H, W = self._screens.size
         offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
         occluded_share = lights.scale.new_zeros(len(corner), side, side)
         points = _lens_points(lights.scale)
@@ -204,29 +202,21 @@ class Obstruction:
                     _pixel(subset.at[:, axis, None], subset.spread[:, k, None] * u, length)
                     for axis, u, length in ((0, points[:, 1], H), (1, points[:, 0], W))
                 )
-                share = self._covered(row * W + column, rung, subset.limit[:, None])
-                lens_shares.index_add_(0, small_index, share)
+                spots, limits = row * W + column, subset.limit[:, None].expand_as(row)
+                share = self._screens.coverage(spots.flatten(), rung, limits.flatten())
+                lens_shares.index_add_(0, small_index, share.view(row.shape))
             large_index = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
             subset = lights.select(large_index)
-            y, x = (subset.scale[:, k, None, None] * offset[large_index]).unbind(1)
+            away = subset.scale[:, k, None, None] * offset[large_index]
             row, column = (
-                _pixel(subset.at[:, axis, None], away, length)
-                for axis, (away, length) in enumerate(((y, H), (x, W)))
+                _pixel(subset.at[:, axis, None], away[:, axis], length)
+                for axis, length in enumerate((H, W))
             )
-            spot = row[:, :, None] * W + column[:, None, :]
-            share = self._covered(spot, rung, subset.limit[:, None, None])
+            place = (subset.at[..., None] + away).unbind(1)
+            share = self._screens.beside((row, column), place, rung, subset.limit)
             occluded_share.index_add_(0, large_index, share)
         mean = lens_shares.clamp(max=1).mean(1)[:, None, None]
         return torch.where(lights.small[:, None, None], mean, occluded_share.clamp(max=1))
-
-    def _covered(self, spot: Tensor, rung: int, limit: Tensor) -> Tensor:
-        """The coverage of pixels by a slice, of surfaces whose radius is below the limit."""
-        radius, places = (
-            values.flatten().index_select(0, spot.flatten()).view(spot.shape)
-            for values in (self._signed_radius, self._places)
-        )
-        share = places.sub_(rung).abs_().neg_().add_(1).clamp_(min=0)
-        return share.mul_(radius.sub_(limit).lt_(0))  # not the light's own surface
 
 
 def _lens_points(like: Tensor) -> Tensor:
@@ -239,6 +229,11 @@ def _lens_points(like: Tensor) -> Tensor:
 def nearer_than(radius: Tensor) -> Tensor:
     """Px [n] of radius below which a surface stands before lights of radii [n] px."""
     return radius - (_BEFORE[1] * radius.abs()).clamp(min=_BEFORE[0])
+
+
+def _block(pixel: Tensor, length: int) -> Tensor:
+    """The block, of those along `length` pixels, of a row or column."""
+    return pixel.long().clamp(0, length - 1).div(BLOCK, rounding_mode="floor")
 
 
 def _pixel(light: Tensor, away: Tensor, length: int) -> Tensor:

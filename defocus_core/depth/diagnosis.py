@@ -72,6 +72,8 @@ class DepthRepair(NamedTuple):
         edge_width: Px over which soft edges go from one surface to the other, in the median, or as
             it was said; None if edges are not soft.
         share: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
+        uncertain_edges: Whether colours say on which side of their edge pixels are: where edges
+            were soft, or averages of an enlarged depth map; False of a diagnosis alone.
     """
 
     noise: float | None = None
@@ -82,6 +84,7 @@ class DepthRepair(NamedTuple):
     quantised: bool = False
     edge_width: float | None = None
     share: float = 0.0
+    uncertain_edges: bool = False
 
 
 def diagnosed(

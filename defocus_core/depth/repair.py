@@ -10,6 +10,8 @@ from torch import Tensor
 from defocus_core.depth.antialiased import AROUND as AROUND_AVERAGES
 from defocus_core.depth.antialiased import without_averages
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed
+from defocus_core.depth.edge_pixels import AROUND as AROUND_EDGE_PIXELS
+from defocus_core.depth.edge_pixels import are_beside_their_surface, with_pixels_by_color
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
 from defocus_core.depth.edge_shifts import measured_shifts, with_shifted_edges
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
@@ -80,6 +82,14 @@ def repaired(
         repair = repair._replace(edge_shifts=shifts)
         repair_window = partial(with_shifted_edges, shifts=shifts)
         radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, pixels), radii, pixels)
+    if decided is None:
+        uncertain = repair.soft_edges is not None or (
+            repair.antialiased is not None and are_beside_their_surface(radii, pixels, threads)
+        )
+        repair = repair._replace(uncertain_edges=uncertain)
+    if repair.uncertain_edges:
+        by_color = Repaired(radii, with_pixels_by_color, AROUND_EDGE_PIXELS, pixels)
+        radii = hold_all(by_color, radii, pixels)
     if repair.quantised:
         radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
     return radii, repair._replace(share=share_changed(signed_radius, radii))
@@ -106,7 +116,6 @@ def diagnose_depth(
     infinity: float | None = None,
     threads: int = 1,
     *,
-    image: Pixels | None = None,
     depth_repair: str = "auto",
     edge_width: float | None = None,
 ) -> DepthRepair:
@@ -116,7 +125,6 @@ def diagnose_depth(
         signed_radius: [H, W] px.
         infinity: As for `render`.
         threads: Number of bands of rows examined at once.
-        image: [C, H, W] linear, by which displaced edges are found, too; None not to look for them.
         depth_repair: As for `render`.
         edge_width: As for `render`.
 
@@ -128,11 +136,6 @@ def diagnose_depth(
         return DepthRepair()
     hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
-        if image is not None:
-            found = repaired(
-                signed_radius, image, infinity=infinity, threads=threads, hold=hold, options=options
-            )
-            return found[1]
         radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
         return _as_said(repair, options, radii)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from defocus_core.blur.kernel_bank import Window
 from defocus_core.engine.settings import Settings
@@ -29,6 +30,7 @@ class Content(NamedTuple):
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
         quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
+        uncertain: Whether edges of depth were soft or averages.
         signed: Whether pixels are negative (colours outside the gamut).
         limit: Brightness that a highlight exceeds.
     """
@@ -37,6 +39,7 @@ class Content(NamedTuple):
     edges: bool
     tilted: bool
     quantised: bool
+    uncertain: bool
     signed: bool
     limit: float
 
@@ -107,6 +110,13 @@ class Division(NamedTuple):
             groups.append(slice(len(divided), len(divided) + 2))
             divided += dual_pixel.halves
         return cls(aperture, divided, [aperture.share(part) for part in divided], groups)
+
+    def mean(self, values: Tensor) -> Tensor:
+        """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
+        if len(values) == 1:
+            return values[0]
+        shares = values.new_tensor(self.weights[self.groups[0]])[:, None, None]
+        return (values * shares).sum(0) / shares.sum()
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,12 @@ class Filling:
             cells = cells._replace(tiles=read)
         self._cells_of = cells.tiles
         self._blur = Blur(
-            slicing.windows, slicing.cells, cells, frame.division.groups, self._coarse
+            slicing.windows,
+            slicing.cells,
+            cells,
+            frame.division.groups,
+            self._coarse,
+            by_corners=frame.settings.cat_eye is not None,
         )
         samples = _samples(hidden, frame.slices.radii[:: slicing.stride])
         self._sliced = self._blur.sliced(samples, slicing.stride, slicing.layers)

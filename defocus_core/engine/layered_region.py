@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
 from defocus_core.blur.layer_blur import Sliced
 from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.highlights import Highlights, split_samples
+from defocus_core.compositing.screens import Screen
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
@@ -58,6 +61,9 @@ class LayeredRegion(Region):
         """The visible samples in the rectangle `outer`; plans the hidden ones."""
         frame, slicing = self._frame, self._frame.slices.visible
         stack = self._layered.stack(outer, frame.dtype)
+        inmost = self._grid.box.seen_from(outer)
+        weights = stack.color[1:, -1] * stack.through[1:-1]
+        self._shown = inmost.of(stack.signed_radius[1:]), inmost.of(weights)
         hidden, self._is_known = stack.hidden(), stack.knows_behind()
         if hidden is not None:
             within = self._within(hidden, stack.signed_radius[0])
@@ -71,13 +77,23 @@ class LayeredRegion(Region):
         self._others = samples.others
         return samples.own, radius, highlights
 
-    def _drawn(
-        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
-    ) -> Tensor:
+    def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
+        """As of a picture, but the mean over what shows of the samples of each pixel."""
+        total = super()._shares_in_frame(signed_radius)
+        if total is None:
+            return None
+        radii, weights = self._shown
+        total = [share * (1 - weights.sum(0)) for share in total]
+        for radius, weight in zip(radii, weights, strict=True):
+            shares = super()._shares_in_frame(radius) or []
+            total = [so_far + share * weight for so_far, share in zip(total, shares, strict=True)]
+        return total
+
+    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
         """The discs of highlights; what hides a part of a light is in its coverage already."""
-        solid = self._solid
-        places = position(solid, self._frame.slices.radii)
-        return super()._drawn(highlights, solid, places, core)
+        places = position(self._solid, self._frame.slices.radii)
+        solid = Screen(self._solid, places, torch.ones_like(places))
+        return super()._drawn(highlights, [solid], core)
 
     def _within(self, samples: Sampled, signed_radius: Tensor) -> Samples:
         """The samples that reach the tiles, of the pixels of the rectangle around."""

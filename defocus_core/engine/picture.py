@@ -11,6 +11,7 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.engine.draft_enlarging import Enlarging
+from defocus_core.engine.field import darkened
 from defocus_core.engine.preparation import frame_of
 from defocus_core.engine.region_schedule import rendered_regions
 from defocus_core.engine.settings import Settings
@@ -33,6 +34,7 @@ class Picture:
         frame: The frame, in px or in cells.
         image: [C, h, w] pixels to render; at half size cells, with one channel more.
         signed_radius: [h, w] radii to render by, in px or in cells.
+        layered: The layers of which it is the picture; None for a picture of its own.
         reaching: [h, w] the radii whose light reaches farthest, in px or in cells.
     """
 
@@ -72,10 +74,10 @@ class Picture:
                 threads=threads,
                 hold=hold,
                 options=settings.repair,
-                decided=settings.decided_repair,
+                decided=settings.decided,
             )
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
-        self._layered = layered
+        self.layered = layered
         if layered is not None:
             quality = quality.of_layers(layered.number)
         by_scene = quality.half_size and settings.by_scene
@@ -96,6 +98,7 @@ class Picture:
             quality,
             self._hidden,
             quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
             layered=layered,
         )
         self._enlarging: Enlarging | None = None
@@ -121,12 +124,16 @@ class Picture:
             self.image,
             self.signed_radius,
             self._hidden,
-            layered=self._layered,
+            layered=self.layered,
             reaching=self.reaching,
             at_once=at_once,
             progress=progress,
         )
-        return self._enlarging.enlarged(parts) if self._enlarging else parts
+        parts = self._enlarging.enlarged(parts) if self._enlarging else parts
+        cat_eye = self.frame.settings.cat_eye
+        if cat_eye is None or not cat_eye.vignetting:
+            return parts
+        return (darkened(part, cat_eye, self.size) for part in parts)
 
 
 def _is_blurred(signed_radius: Pixels) -> bool:

@@ -38,6 +38,7 @@ def frame_of(
     hidden: Behind | None,
     *,
     quantised: bool = False,
+    uncertain: bool = False,
     layered: Layered | None = None,
 ) -> Frame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
@@ -49,6 +50,7 @@ def frame_of(
         quality: Settings of the quality, in px or in cells.
         hidden: The known layer behind the visible surface.
         quantised: Whether radii had few levels before they were repaired.
+        uncertain: Whether edges of depth were soft or averages before they were repaired.
         layered: The layers of which `pixels` and `signed_radius` are the picture.
 
     Raises:
@@ -62,6 +64,7 @@ def frame_of(
         edges=layered is not None or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
         quantised=quantised,
+        uncertain=uncertain,
         signed=survey.darkest < 0,
         limit=threshold(survey.brightness, survey.brightest),
     )
@@ -79,7 +82,9 @@ def frame_of(
     grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     pair = settings.dual_pixel if settings.left_right else None
-    division = Division.of(settings.aperture, quality.parts, pair)
+    # parts at the rim would be clipped away
+    count = quality.parts if settings.cat_eye is None else 1
+    division = Division.of(settings.aperture, count, pair)
     if needs_double(survey, content.limit):
         dtype = torch.float64
 

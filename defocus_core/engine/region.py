@@ -6,15 +6,21 @@ part of the aperture. Hidden layers fill the gaps of visible ones; in focus they
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+
 import torch
 from torch import Tensor
 
+from defocus_core.blur.field_blend import blended
 from defocus_core.blur.layer_blur import Blur, Sliced
 from defocus_core.compositing.aperture_views import Fronts
 from defocus_core.compositing.bokeh_discs import draw
-from defocus_core.compositing.frame_border import share_in_frame
+from defocus_core.compositing.frame_border import own_light, share_in_frame
 from defocus_core.compositing.highlights import Highlights, split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
+from defocus_core.compositing.screens import Screen, screens_of
+from defocus_core.engine.field import corner_rims, frame_at, rims_of
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
@@ -63,6 +69,7 @@ class Region:
             behind: The known layer behind the visible surface of the frame.
             backdrop: The frame at low resolution; None if nothing in it is continued.
         """
+        frame = frame_at(frame, grid.box)
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
         core, content, slices = grid.box, frame.content, frame.slices
         outer = core.grown(frame.margin, frame.box)
@@ -74,6 +81,7 @@ class Region:
             grid.seen_from(inner),
             frame.division.groups,
             axes(frame.size, inner.top, inner.left),
+            by_corners=frame.settings.cat_eye is not None,
         )
         pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
         if content.edges:  # pixels beside them are looked up by their numbers
@@ -83,6 +91,7 @@ class Region:
         own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
         self._like = own.color
+        self._own = own_light(inmost.of(own.color)) if frame.settings.aperture.image else None
         places = position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         self._hidden: list[Filling] = []
@@ -90,7 +99,8 @@ class Region:
             self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
         self._highlights: Tensor | None = None
         if highlights and places is not None:
-            self._highlights = self._drawn(highlights, signed_radius, places, inmost)
+            screens = screens_of(own, signed_radius, places, slices.radii)
+            self._highlights = self._drawn(highlights, screens, inmost)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box
@@ -99,15 +109,15 @@ class Region:
         frame = self._frame
         pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
-        own = (unmixed if unmixes else whole)(pixels, signed_radius)
+        unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
+        own = unmix(pixels, signed_radius)
         return own, signed_radius, highlights
 
-    def _drawn(
-        self, highlights: Highlights, signed_radius: Tensor, places: Tensor, core: Box
-    ) -> Tensor:
-        """The discs of highlights behind surfaces [H, W], for each part of the aperture."""
+    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
+        """The discs of highlights behind surfaces, for each part of the aperture."""
         radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
-        return draw(highlights, signed_radius, places, radii, aperture, parts, core)
+        barrel = rims_of(self._frame, highlights.at, core, self._grid.box)
+        return draw(highlights, screens, radii, aperture, parts, core, barrel)
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
         """For each group the shares of its parts that look into the frame; None if all are 1."""
@@ -115,10 +125,12 @@ class Region:
         if self._is_inside(core):
             return None
         aperture, parts, _, groups = frame.division
-        return [
-            share_in_frame(signed_radius, core, frame.size, aperture, parts[group])
+        rims = corner_rims(frame, core)
+        shares = [
+            share_in_frame(signed_radius, core, frame.size, aperture, parts[group], rims)
             for group in groups
         ]
+        return [blended(share, core, core) for share in shares] if rims else shares
 
     def _in_front(self, own: Unmixed, signed_radius: Tensor, places: Tensor | None) -> Sliced:
         """The visible surfaces, from pixels, their radii, and their positions if known."""
@@ -192,20 +204,13 @@ class Region:
         Of the coverage [m, h, w] of m parts the share that is not invented, times the share of the
         parts that looks into the frame.
         """
+        mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
-        share = self._mean(observed) / self._mean(covered)
+        share = mean(observed) / mean(covered)
         if self._in_frame is not None and not self._is_inside(box):
             expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
-            share = share * self._mean(expected[:, 0])
+            share = share * mean(expected[:, 0])
         return share.clamp(0, 1)[None]
-
-    def _mean(self, values: Tensor) -> Tensor:
-        """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
-        if len(values) == 1:
-            return values[0]
-        _, _, weights, groups = self._frame.division
-        shares = values.new_tensor(weights[groups[0]])[:, None, None]
-        return (values * shares).sum(0) / shares.sum()
 
     def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
@@ -234,9 +239,11 @@ class Region:
         A picture is divided by its coverage, which highlights do not share: they are weighted by
         it, so that errors of the coverage do not make them brighter.
         """
+        box = self._tiles[index].seen_from(self._tiles[0])
+        if self._own is not None:
+            views = [view + box.of(self._own) for view in views]
         if self._highlights is None:
             return views
-        box = self._tiles[index].seen_from(self._tiles[0])
         lit, groups = box.of(self._highlights), self._frame.division.groups
         inside: list[Tensor | float] = [1.0 for _ in groups]
         if self._in_frame is not None:

@@ -58,7 +58,9 @@ def rendered_regions(
     if content.edges and (layered is None or layered.is_continued):
         shown, limit = pixels, content.limit
         if layered is not None:
-            shown = layered.picture(alpha=layered.blurs_alpha)
+            if not layered.blurs_alpha:
+                in_memory = isinstance(pixels, Tensor)
+                shown = pixels[:-1] if in_memory else layered.picture(alpha=False)
             limit = max(limit, 1.0)  # alpha is no light
         backdrop = backdrop_of(shown, signed_radius, limit, frame.dtype, threads, content.ends)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]

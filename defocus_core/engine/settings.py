@@ -10,6 +10,7 @@ from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.images.tiling import BLOCK
 from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.runtime.validation import described, flag, number, whole
 
@@ -20,6 +21,9 @@ _BY_SCENE = "None lets the scene decide"
 @dataclass(frozen=True)
 class Settings:
     """The options that `render` explains.
+
+    Attributes:
+        decided: The repair of depth, where it is known already, as for a frame of a shot.
 
     Raises:
         ValueError: If an option is out of its range.
@@ -33,9 +37,11 @@ class Settings:
     threads: int = 1
     tile: int | None = None
     infinity: float | None = None
-    depth_repair: str | DepthRepair = "auto"
+    depth_repair: str = "auto"
     edge_width: float | None = None
+    decided: DepthRepair | None = None
     dual_pixel: DualPixel = field(default_factory=DualPixel)
+    cat_eye: CatEye | None = None
 
     def __post_init__(self) -> None:
         """Check each option; whole numbers of other types become int."""
@@ -45,9 +51,12 @@ class Settings:
         if not isinstance(self.dual_pixel, DualPixel):
             problem = f"dual_pixel must be a DualPixel, got {described(self.dual_pixel)}"
             raise ValueError(f"{problem}; DualPixel() has ideal halves")
+        if not isinstance(self.cat_eye, CatEye | None):
+            problem = f"cat_eye must be a CatEye, got {described(self.cat_eye)}"
+            raise ValueError(f"{problem}; None clips nothing")
         find(self.quality)
         flag("left_right", self.left_right)
-        _ = self.repair  # checks both
+        repair_options(self.depth_repair, self.edge_width)
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
@@ -68,13 +77,7 @@ class Settings:
     @property
     def repair(self) -> RepairOptions:
         """Whether, and by which knowledge, depth is repaired."""
-        asked = "auto" if isinstance(self.depth_repair, DepthRepair) else self.depth_repair
-        return repair_options(asked, self.edge_width)
-
-    @property
-    def decided_repair(self) -> DepthRepair | None:
-        """The repair where it is decided already, as for a shot."""
-        return self.depth_repair if isinstance(self.depth_repair, DepthRepair) else None
+        return repair_options(self.depth_repair, self.edge_width)
 
     @property
     def by_scene(self) -> bool:

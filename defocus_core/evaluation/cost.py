@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.blur.field_blend import CORNERS
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.unchanged_parts import blurred_part
@@ -21,8 +22,8 @@ from defocus_core.images.neighbourhoods import extreme_around
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import BLOCK, Grid, regions
 from defocus_core.layers.block_index import blocks_of, visible_slices
+from defocus_core.layers.edge_surfaces import EDGE
 from defocus_core.layers.ladder import position
-from defocus_core.layers.matting import EDGE
 from defocus_core.runtime.threads import AHEAD
 from defocus_core.stream import Stream
 
@@ -36,6 +37,10 @@ _FIXED, _OF_THREAD = 10e6, 24e6
 # Copies of a region in memory while it is computed: of its pixels, of its hidden surfaces, and of
 # its left and right views.
 _COPIES, _HIDDEN_COPIES, _VIEW_COPIES = 9, 3, 3
+# Copies of a region of each layer, of all windows that are sorted and sliced.
+_COPIES_OF_LAYER = 8
+# Work of layers as a multiple of that of their picture in focus.
+_LAYERED = 3.0
 _STRIP = 1 << 20  # pixels of the radii to read at once
 
 
@@ -76,6 +81,8 @@ def cost(stream: Stream) -> Cost:
         + _SLICED * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
         + _BEHIND * full_size * edges * max(map(abs, frame.content.ends))
     )
+    if stream.layered is not None and stream.layered.number > 1:
+        work *= _LAYERED
     slices, count = len(frame.slices.radii), len(frame.grid.tiles)
     return Cost(slices, count, 2 * slices * count, reached, _PICTURE + samples * work)
 
@@ -97,12 +104,16 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
     copies = (
         _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
     )
+    if stream.layered is not None:
+        copies += _COPIES_OF_LAYER * stream.layered.number
     region = max((_around(frame, grid).area for grid in grids), default=0) * sample * copies
     result = max((grid.box.area for grid in grids), default=0)
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.content.edges * 0.7
     enlarged = 3 * stream.at_half_size * pixels * sample * isinstance(stream.image, Tensor)
-    spectra = 2 * _bytes_of_spectra(frame)
+    # each region has kernels of its own where the pupil changes over the frame
+    versions = 1 if frame.settings.cat_eye is None else CORNERS * at_once
+    spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
     whole = _FIXED + coarse + enlarged + spectra + repaired
     return whole + threads * _OF_THREAD + at_once * (region + result)

@@ -108,3 +108,20 @@ def _joined(rows: list[list[Tensor]]) -> Tensor:
             left += width
         top += height
     return whole
+
+
+def of_channels(colors: list[Views], offsets: list[tuple[list[int], float | Tensor]]) -> Views:
+    """Views of all channels in their order; trust is that of the least offset.
+
+    Args:
+        colors: Views of some channels each.
+        offsets: For each the numbers of its channels, and the px that were added to its radii.
+    """
+    order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
+    images = [
+        torch.cat(channels)[order] for channels in zip(*(c.images for c in colors), strict=True)
+    ]
+    sharpest = min(
+        range(len(colors)), key=lambda i: abs(float(torch.as_tensor(offsets[i][1]).detach()))
+    )
+    return colors[sharpest]._replace(images=images)

@@ -28,6 +28,12 @@ class Behind(NamedTuple):
     signed_radius: Pixels
     mask: Pixels
 
+    def of_channels(self, channels: list[int], px: float | Tensor) -> Behind:
+        """Some of its channels, with px added to its radii."""
+        if len(channels) == self.color.shape[0] and isinstance(px, float) and px == 0:
+            return self
+        return Behind(self.color[channels], self.signed_radius[:] + px, self.mask)
+
     def within(self, box: Box, signed_radius: Tensor, dtype: torch.dtype) -> HiddenLayer:
         """The known layer within a box whose visible radii are [height, width] px."""
         color, radius, mask = map(box.of, self)

@@ -15,30 +15,27 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.images.neighbourhoods import extreme_around, halfway, squares_around
+from defocus_core.images.neighbourhoods import extreme_around, halfway
 from defocus_core.images.sparse_masks import exceeding, places_of
+from defocus_core.layers.edge_surfaces import (
+    AT_ONCE,
+    EDGE,
+    MIDDLE,
+    Around,
+    Side,
+    around_edge,
+    closeness,
+    share_deviation,
+    side_of,
+)
 
-# A pixel is on an edge if its radius and those of its neighbours span more than this, in px.
-EDGE = 1.513
 # Difference of radii of two neighbours, in px, beyond which one hides the other; less is a slope.
 _STEP = 1.013
-# Half width in px of the square around a pixel from which both surfaces are estimated.
-_AROUND = 2
-# Index of the pixel itself in this square.
-_MIDDLE = (2 * _AROUND + 1) ** 2 // 2
-# Standard deviation of the coverage of a pixel, before its colour is known, from a whole surface.
-_EXPECTED = 0.05
+# Standard deviation of the coverage of a pixel, before its colour is known, from a whole surface:
+# where depth is that of a renderer, and where its edges were soft or averaged.
+_EXPECTED, _UNCERTAIN = 0.05, 0.2
 # Deviation of coverage up to which a pixel stays whole; a greater one d counts as d - _CLEAR² / d.
 _CLEAR = 0.1
-# Sum of squared deviations from its own surface up to which no pixel is clearly mixed: with
-# evidence e its coverage deviates by d √e / (1 / _EXPECTED² + e) at most; d² is up to twice that.
-_UNLIKE = 2 * (_CLEAR / _EXPECTED) ** 2 * 0.99
-# Least standard deviation of the colours of a surface, as a share of their mean.
-_LEAST_DEVIATION = 0.01
-# Least standard deviation as a share of the brightest channel: less may be rounding.
-_ROUNDING = 1e-4
-# Pixels taken apart at once: bounds memory.
-_PIXELS = 1 << 12
 
 
 class Fringe(NamedTuple):
@@ -70,7 +67,7 @@ class Unmixed(NamedTuple):
     fringe: Fringe
 
 
-def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
+def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) -> Unmixed:
     """Take mixed pixels apart.
 
     A pixel stays as it is if the farther surface is nowhere seen alone beside it. So does a pixel
@@ -79,6 +76,8 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     Args:
         image: [C, H, W] linear.
         signed_radius: [H, W] px.
+        uncertain: Whether depth says only roughly where edges are: then less colour is enough to
+            take a pixel apart.
     """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
@@ -86,9 +85,10 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
     places = places_of(edge)
     if not len(places):
         return whole(image, signed_radius)
-    border = halfway(nearest, farthest)
+    border, deviation = halfway(nearest, farthest), _UNCERTAIN if uncertain else _EXPECTED
     chunks = [
-        _taken_apart(image, signed_radius, edge, border, at) for at in torch.split(places, _PIXELS)
+        _taken_apart(image, signed_radius, edge, border, at, deviation)
+        for at in torch.split(places, AT_ONCE)
     ]
     at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
     index = at[:, 0] * edge.shape[1] + at[:, 1]
@@ -105,45 +105,35 @@ def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
     return Unmixed(image, None, Fringe(nowhere, nothing, signed_radius[0, :0]))
 
 
-class _Side(NamedTuple):
-    """One of the two surfaces beside n pixels.
-
-    Attributes:
-        mean: [n, C] colour.
-        variance: [n, C] of colour.
-        signed_radius: [n] px.
-        known: [n] bool, whether it is seen without the other surface.
-    """
-
-    mean: Tensor
-    variance: Tensor
-    signed_radius: Tensor
-    known: Tensor
-
-
 def _taken_apart(
-    image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
+    image: Tensor,
+    signed_radius: Tensor,
+    edge: Tensor,
+    border: Tensor,
+    at: Tensor,
+    deviation: float,
 ) -> tuple[Tensor, ...]:
-    """Take apart the mixed ones of the pixels at [n, 2].
+    """Take apart the mixed ones of the pixels at [n, 2], of coverages with a standard deviation.
 
     Returns:
         Place, colour and coverage of mixed pixels; place, layer and radius of the fringe in them.
     """
-    around = _around(image, signed_radius, edge, border, at)
-    own = _side(around, around.nearness * around.own())
-    mixed = torch.nonzero(own.known & (_deviation(around.color, own) > _UNLIKE))[:, 0]
+    around = around_edge(image, signed_radius, edge, border, at)
+    own = side_of(around, around.nearness * around.own())
+    unlike = _color_deviation(around.color, own) > _least_deviation(deviation)
+    mixed = torch.nonzero(own.known & unlike)[:, 0]
     around = around.select(mixed)
     stepped = _has_step(around.radii.detach())
-    at, own = at.index_select(0, mixed), _Side(*(each.index_select(0, mixed) for each in own))
-    own_near, color = around.is_near[_MIDDLE], around.color
-    other = _side(around, around.nearness * (around.is_near != own_near))
+    at, own = at.index_select(0, mixed), Side(*(each.index_select(0, mixed) for each in own))
+    own_near, color = around.is_near[MIDDLE], around.color
+    other = side_of(around, around.nearness * (around.is_near != own_near))
     thin = own.known & ~own_near & ~other.known
     other = _with_thin(own, other, around, thin)
     near, far = (
-        _Side(*(_chosen(side, *pair) for pair in zip(own, other, strict=True)))
+        Side(*(_chosen(side, *pair) for pair in zip(own, other, strict=True)))
         for side in (own_near, ~own_near)
     )
-    alpha = _mixture(color, near, far, own_near.to(color.dtype))
+    alpha = _mixture(color, near, far, own_near.to(color.dtype), deviation)
     alpha = torch.where(own_near, alpha.clamp(0.5, 1), alpha.clamp(0, 0.5))[:, None]
     weights = (alpha * near.variance, (1 - alpha) * far.variance)
     residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
@@ -167,57 +157,6 @@ def _taken_apart(
     return at[known], own_color, coverage, at[behind], fringe[behind], near.signed_radius[behind]
 
 
-class _Around(NamedTuple):
-    """The 25 pixels around each of n.
-
-    Attributes:
-        colors: [C, 25, n].
-        radii: [25, n] px.
-        is_near: [25, n] bool, whether they are of the nearer one of two surfaces.
-        nearness: [25, n], their weights: 0 on an edge.
-    """
-
-    colors: Tensor
-    radii: Tensor
-    is_near: Tensor
-    nearness: Tensor
-
-    @property
-    def color(self) -> Tensor:
-        """[n, C] of the pixels themselves."""
-        return self.colors[:, _MIDDLE].T
-
-    def own(self) -> Tensor:
-        """[25, n] bool, which are of the pixel's own surface, not of a second or third one."""
-        alike = (self.radii - self.radii[_MIDDLE]).detach().abs() <= EDGE
-        return alike & (self.is_near == self.is_near[_MIDDLE])
-
-    def select(self, index: Tensor) -> _Around:
-        """The squares around the pixels of these indices."""
-        return _Around(*(each.index_select(-1, index) for each in self))
-
-
-def _around(
-    image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
-) -> _Around:
-    """The squares around pixels at [n, 2]; radii below the border [H, W] are near."""
-    place = squares_around(at, (edge.shape[0], edge.shape[1]), _AROUND).flatten(1).T.contiguous()
-    spots = place.flatten()
-    radii, on_edge = (
-        x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, edge)
-    )
-    is_near = radii.detach() < border[at[:, 0], at[:, 1]]
-    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
-    return _Around(colors, radii, is_near, _closeness(image) * ~on_edge)
-
-
-def _closeness(like: Tensor) -> Tensor:
-    """Weights of the pixels of a square by their distance from its middle, [25, 1]."""
-    offset = torch.arange(-_AROUND, _AROUND + 1, device=like.device)
-    squares = (offset * offset + (offset * offset)[:, None]).flatten()
-    return torch.exp(squares.to(like.dtype) / -4)[:, None]
-
-
 def _has_step(radii: Tensor) -> Tensor:
     """Whether the inner nine of 25 radii [25, n] px hold a step between two surfaces: [n] bool."""
     square = radii.reshape(5, 5, -1)[1:4, 1:4]
@@ -225,7 +164,7 @@ def _has_step(radii: Tensor) -> Tensor:
     return torch.maximum(*steps) > _STEP
 
 
-def _with_thin(far: _Side, near: _Side, around: _Around, thin: Tensor) -> _Side:
+def _with_thin(far: Side, near: Side, around: Around, thin: Tensor) -> Side:
     """The near side; where it is thin, all of its pixels are on an edge and give its colour.
 
     They may be mixed, too, but on the same line between two colours as the pixels beside them: both
@@ -241,31 +180,27 @@ def _with_thin(far: _Side, near: _Side, around: _Around, thin: Tensor) -> _Side:
     if not len(thin_index):
         return near
     thin_around = around.select(thin_index)
-    own = _side(thin_around, _closeness(thin_around.radii) * thin_around.is_near)._replace(
+    own = side_of(thin_around, closeness(thin_around.radii) * thin_around.is_near)._replace(
         variance=far.variance[thin_index]
     )
-    return _Side(
+    return Side(
         *(each.index_copy(0, thin_index, other) for each, other in zip(near, own, strict=True))
     )
 
 
-def _side(around: _Around, weight: Tensor) -> _Side:
-    """The surface of the pixels of a square that have a weight; [25, n], 0 for other surfaces."""
-    total = weight.sum(0)
-    share = weight / torch.where(total > 0, total, 1.0)
-    mean, radius = (around.colors * share).sum(1), (around.radii * share).sum(0)
-    off = around.colors - mean[:, None]
-    spread = (off * off * share).sum(1)
-    brightest = torch.maximum(mean, around.colors[:, _MIDDLE]).amax(0).clamp(min=0)
-    least = torch.maximum(_LEAST_DEVIATION * mean, _ROUNDING * brightest)
-    variance = spread + least * least + torch.finfo(mean.dtype).tiny ** 0.5
-    return _Side(mean.T, variance.T, radius, total > 0)
-
-
-def _deviation(color: Tensor, side: _Side) -> Tensor:
+def _color_deviation(color: Tensor, side: Side) -> Tensor:
     """Squared deviations of colours [n, C] from a surface over its variance, summed: [n]."""
     off = (color - side.mean).detach()
     return (off * off / side.variance.detach()).sum(1)
+
+
+def _least_deviation(deviation: float) -> float:
+    """Sum of squared deviations from its own surface up to which no pixel is clearly mixed.
+
+    With evidence e its coverage deviates by d √e / (1 / deviation² + e) at most; d² is up to twice
+    the sum.
+    """
+    return 2 * (_CLEAR / deviation) ** 2 * 0.99
 
 
 def _chosen(first: Tensor, a: Tensor, b: Tensor) -> Tensor:
@@ -278,7 +213,7 @@ def _rest(mixed: Tensor, color: Tensor, share: Tensor) -> Tensor:
     return (mixed - share * color) / torch.where(share < 1, 1 - share, 1.0)
 
 
-def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
+def _within(side: Side, other: Tensor, color: Tensor) -> Tensor:
     """Clip a colour to two deviations around its surface's mean; `other` is never clipped."""
     reach = 2 * side.variance.sqrt()
     color = torch.maximum(color, torch.minimum(side.mean - reach, other))
@@ -286,15 +221,11 @@ def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
     return torch.maximum(color, other.clamp(max=0))
 
 
-def _mixture(color: Tensor, near: _Side, far: _Side, own: Tensor) -> Tensor:
+def _mixture(color: Tensor, near: Side, far: Side, own: Tensor, deviation: float) -> Tensor:
     """The most probable α [n] of colours [n, C] = α near + (1 - α) far, if `own` [n] is expected.
 
     Small deviations from `own` count as none: only clearly mixed pixels are taken apart.
     """
-    variance = (near.variance + far.variance) / 2
-    apart = near.mean - far.mean
-    evidence = (apart * apart / variance).sum(1)
-    observed = (apart * (color - far.mean) / variance).sum(1)
-    deviation = (observed - own * evidence) / (_EXPECTED**-2 + evidence)
-    clear = deviation.abs() > _CLEAR
-    return own + torch.where(clear, deviation - _CLEAR**2 / torch.where(clear, deviation, 1.0), 0.0)
+    by = share_deviation(color, near, far, own, deviation)
+    clear = by.abs() > _CLEAR
+    return own + torch.where(clear, by - _CLEAR**2 / torch.where(clear, by, 1.0), 0.0)

@@ -271,8 +271,9 @@ class _RadiiOf(Derived):
         radii, coverage = self._layered.radii(_box(rows, columns))
         if not self._most_blurred:
             return radii.amin(0)
-        blur = torch.where(coverage > 0, radii.detach().abs(), -1.0)
-        return radii.gather(0, blur.argmax(0, keepdim=True))[0]
+        blurred = torch.where(coverage > 0, radii.detach(), 0.0)
+        nearest, farthest = blurred.amin(0), blurred.amax(0)
+        return torch.where(farthest > -nearest, farthest, nearest)
 
 
 def _box(rows: tuple[int, int], columns: tuple[int, int]) -> Box:

@@ -15,9 +15,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from defocus_core.optics.cat_eye import Rim, fineness
 from defocus_core.optics.curved_blades import CurvedPolygon
 from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Scalar, Squeezed
-from defocus_core.optics.parts import FULL, Part, area_of, gaussian, parts_of, weight_of
+from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.runtime.validation import described, number, whole
 
@@ -143,7 +144,18 @@ class Aperture:
         }
         return replace(self, **tensors) if tensors else self
 
-    def kernel(self, radius: Tensor, size: int, part: Part = FULL) -> Tensor:
+    def transposed(self) -> Aperture:
+        """The pupil of a picture whose rows are columns, as up and down are its left and right."""
+        return replace(
+            self,
+            rotation=-90.0 - self.rotation if self.blades else self.rotation,
+            image=self.image and self.image.transposed(),
+            squeeze=self.squeeze if _is(self.squeeze, 1.0) else 1 / self.squeeze,
+        )
+
+    def kernel(
+        self, radius: Tensor, size: int, part: Part = FULL, rim: Rim | None = None
+    ) -> Tensor:
         """The blur of a point at the given signed radius, sampled by area.
 
         The value at a pixel is the share of the part's area that falls on this pixel. The sum is 1
@@ -155,6 +167,7 @@ class Aperture:
             size: Number of pixels on a side. The centre is at (size - 1) / 2 on both axes, for an
                 even size the corner between the four middle pixels.
             part: The part of the pupil to draw; turned with it where radius < 0.
+            rim: The rim that clips the pupil, if one does.
 
         Returns:
             [*radius.shape, size, size], y down then x to the right, in radius' dtype.
@@ -177,20 +190,31 @@ class Aperture:
             area = self._live_area(part)
         r = radius.double()
         r = torch.where(r.abs() < _LEAST_RADIUS, _LEAST_RADIUS, r)
-        corners = torch.arange(size + 1, dtype=r.dtype, device=r.device) - size / 2
+        fine = 1 if rim is None else fineness(float(r.detach().abs().min()))
+        corners = torch.arange(size * fine + 1, dtype=r.dtype, device=r.device) / fine - size / 2
         u = corners / r[..., None]  # [..., size + 1], descending where r < 0
-        shares = self.outline.areas(*part.clamp(u, u))
+        light = self._light(u, r, part, rim)
+        if fine > 1:
+            light = light.reshape(*r.shape, size, fine, size, fine).sum((-3, -1))
+        uneven = self.psf_type == "gaussian" or part.lean or not _is(self.spherical, 0.0)
+        light = light / (light.sum((-2, -1), keepdim=True) if uneven or rim else area)
+        return light.to(radius.dtype)
+
+    def _light(self, u: Tensor, r: Tensor, part: Part, rim: Rim | None) -> Tensor:
+        """Light between corners u [..., n] of pixels: [..., n - 1, n - 1], of any sum."""
+        x, y = part.clamp(u, u)
+        light = self.outline.areas(x, y)
         if self.psf_type == "gaussian":
-            shares = shares * gaussian(u)
+            light = light * gaussian(u)
         if not _is(self.spherical, 0.0):
-            shares = shares * self._aberration(u, r)
+            light = light * self._aberration(u, r)
         if part.lean:
-            shares = shares * (1 + part.lean * self.narrowing[0] * _middles(u)[..., None, :])
-        if self.psf_type == "gaussian" or part.lean or not _is(self.spherical, 0.0):
-            shares = shares / shares.sum((-2, -1), keepdim=True)
-        else:
-            shares = shares / area
-        return shares.to(radius.dtype)
+            light = light * (1 + part.lean * self.narrowing[0] * middles(u)[..., None, :])
+        if rim is None:
+            return light
+        opening = Squeezed(rim.outline, *self.narrowing).areas(x, y)
+        whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
+        return light * torch.where(whole > 0, opening / torch.where(whole > 0, whole, 1.0), 0.0)
 
     def _live_area(self, part: Part) -> Scalar:
         """The area of a part, through which gradients flow to the attributes."""
@@ -203,7 +227,7 @@ class Aperture:
         Rays of the height h end at r (h + k h³): to first order the light on a disc of the same
         size changes by a square of the distance from its middle, and the sign is that of k / r.
         """
-        x, y = (_middles(u) * times for times in self.narrowing)
+        x, y = (middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
         return 1 + self.spherical * r.detach().sign()[..., None, None] * (2 * squared - 1)
 
@@ -266,12 +290,6 @@ class Aperture:
 def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
     x, y = aperture.first_moments(_CENTROID_RADIUS, part)
     return x / _CENTROID_RADIUS, y / _CENTROID_RADIUS
-
-
-def _middles(u: Tensor) -> Tensor:
-    """Lens points in the middle of what of each pixel [..., n - 1] lies between -1 and 1."""
-    inside = u.clamp(-1, 1)
-    return (inside[..., 1:] + inside[..., :-1]) / 2
 
 
 def _is(value: Scalar, number: float) -> bool:

@@ -55,11 +55,13 @@ def parts_of(outline: Outline, count: int) -> tuple[Part, ...]:
         return (FULL,)
     if count == 2:
         return LEFT, RIGHT
+    least = _LEAST_PART * area_of(outline, FULL)
+    if min(area_of(outline, half) for half in (LEFT, RIGHT)) <= least:
+        return (FULL,)  # a colour of a coloured pupil may lie in one half
     if count == 4:
         cuts = [(half, _halving_height(outline, half)) for half in (LEFT, RIGHT)]
         return tuple(p for half, y in cuts for p in (replace(half, y1=y), replace(half, y0=y)))
     sides = list(pairwise(_CUTS))
-    least = _LEAST_PART * area_of(outline, FULL)
     parts = (Part(x0, x1, y0, y1) for x0, x1 in sides for y0, y1 in sides)
     return tuple(part for part in parts if area_of(outline, part) > least)
 
@@ -97,7 +99,12 @@ def gaussian(u: Tensor) -> Tensor:
 
     Corners are clamped to the unit square, which keeps it positive for any radius.
     """
-    inside = u.clamp(-1, 1)
-    middle = (inside[..., 1:] + inside[..., :-1]) / 2
+    middle = middles(u)
     fall = torch.exp(-(middle**2) / 2)
     return fall[..., :, None] * fall[..., None, :]
+
+
+def middles(u: Tensor) -> Tensor:
+    """Lens points in the middle of what of each pixel [..., n - 1] lies between -1 and 1."""
+    inside = u.clamp(-1, 1)
+    return (inside[..., 1:] + inside[..., :-1]) / 2

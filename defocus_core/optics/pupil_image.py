@@ -22,11 +22,13 @@ class PupilImage(Outline):
     transmission, so that areas are exact. Two of the same picture are equal.
     """
 
-    def __init__(self, transmission: Tensor) -> None:
+    def __init__(self, transmission: Tensor, like: PupilImage | None = None) -> None:
         """Find the centroid and the extent of a picture.
 
         Args:
             transmission: [H, W], 0 or more; its scale does not matter.
+            like: A picture of this size whose centroid and extent count, as for one channel of a
+                coloured pupil those of all channels do.
 
         Raises:
             ValueError: If it is no picture of finite numbers, or all of it is dark.
@@ -61,12 +63,35 @@ class PupilImage(Outline):
             )
         ]
         self._radius = max(reaches)
+        if like is None:
+            return
+        if like._key[0] != self._key[0] or max(reaches) > like._radius + 1e-9 + self._off(like):
+            raise ValueError(
+                f"like must be a picture of {self._key[0]} px that holds this one, got one of "
+                f"{like._key[0]}; the mean of all channels is one"
+            )
+        self._middle, self._radius = like._middle, like._radius
+        self._key = (self._key[0], blake2b(self._key[1] + like._key[1]).digest())
+
+    def _off(self, other: PupilImage) -> float:
+        """Px between the centroids of two pictures, along the axis where they differ more."""
+        return max(abs(a - b) for a, b in zip(self._middle, other._middle, strict=True))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PupilImage) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+    def transposed(self) -> PupilImage:
+        """The picture with rows for columns."""
+        other = object.__new__(PupilImage)
+        other._key = (self._key[0][::-1], self._key[1] + b"transposed")
+        if self._key[1].endswith(b"transposed"):
+            other._key = (other._key[0], self._key[1].removesuffix(b"transposed"))
+        other._sums, other._middle = self._sums.mT.contiguous(), self._middle[::-1]
+        other._radius = self._radius
+        return other
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The sum of the picture left of x and above y: bilinear between corners of its pixels."""

@@ -42,6 +42,7 @@ def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> De
         soft_edges=soft,
         ramps=_commonest([r.ramps for r, _ in each]),
         edge_shifts=_agreed_shifts([(r.edge_shifts, k) for r, k in each]),
+        edge_width=_median([r.edge_width for r, _ in each]),
         quantised=_commonest([r.quantised for r, _ in each]),
     )
 

@@ -29,7 +29,7 @@ def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path: Path, out: Pat
     assert ran.code == 0
     assert ran.out == ""
     assert ran.err.startswith("4 jobs: 4 done; ")
-    wanted = {f"coc/{name}.exr" for name in NAMES} | {"metadata.jsonl"}
+    wanted = {f"coc/{name}.exr" for name in NAMES} | {"card.json", "card.md", "metadata.jsonl"}
     assert files_under(out) == wanted
     assert [sample.sample_id for sample in samples(out)] == NAMES
     assert not list(out.glob(".*")), "no lock and no note is left"

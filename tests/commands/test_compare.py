@@ -266,6 +266,16 @@ def test_difference_images_are_signed_and_amplified(a: Path, tmp_path: Path) -> 
     assert shown[25, 55, 0] == pytest.approx(128 + 2 * 0.25 * 127, abs=1)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [(1, 1), (1, 300), (300, 1)])
+def test_the_cause_is_looked_for_in_thin_pictures(size: tuple[int, int], tmp_path: Path) -> None:
+    for seed, name in enumerate("ab"):
+        noise = np.random.default_rng(seed).random((*size, 3), np.float32)
+        write_planes(tmp_path / f"{name}.exr", planes(noise))
+    ran = run("compare", tmp_path / "a.exr", tmp_path / "b.exr")
+    assert (ran.code, ran.err) == (1, "")
+
+
 def test_numbers_beyond_all_bounds_are_different_and_no_fault(tmp_path: Path) -> None:
     for name, value in (("a", -1e308), ("b", 1.7e308)):
         np.save(tmp_path / f"{name}.npy", np.full((20, 30), value))

@@ -26,9 +26,10 @@ from depth_files import npy, pfm, png
 from image_files import save
 
 from defocus_cli.dataset.finished import samples
-from defocus_cli.jobs.job import Lens, Machine, Outputs, Reading
+from defocus_cli.jobs.job import Machine, Outputs, Reading
 from defocus_cli.jobs.jobs_file import read_jobs
 from defocus_cli.journal.plain_values import plain, typed
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import UsageProblem
 
 

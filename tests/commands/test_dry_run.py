@@ -22,7 +22,8 @@ from command_line import (
     texture,
 )
 
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering import forecast, job_steps, memory_budget
 from defocus_cli.rendering.memory_budget import Holding
 from defocus_cli.system import console, memory

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +26,37 @@ fnumber = 2
 focus = "2m"
 blades = 6
 blade-rotation = 15
+blade-curvature = 0.25
+sharp-range = "1.9m..2.1m"
+highlights = "0.9:1.5"
 [reading]
 depth-unit = "m"
+depth-scale = 0.7
+sky = 2.7
 [outputs]
 kinds = ["render", "left", "right", "coc", "trust"]
 exr-type = "float"
+"""
+PERCENTILE = """
+[inputs]
+color = "rgb/*.exr"
+depth = "depth/*.exr"
+[lens]
+focal-length = "50.5mm"
+fnumber = 2
+focus = "percentile(30)"
+sensor-width = "24mm"
+aperture-image = "star.exr"
+[reading]
+depth-range = ["1m", "5m"]
+depth-kind = "depth"
+radial = true
+fov = "60deg"
+[outputs]
+kinds = ["left", "right"]
+multiview = true
+[machine]
+quality = "draft"
 """
 
 
@@ -64,6 +91,7 @@ def test_all_pairs_are_items_with_what_they_have(folders: tuple[Path, Path]) -> 
     assert shifted["words"] == "shifted by (2, 0)"
     assert keys(shifted) == ["a", "b", "difference"]
     assert keys(shifted, valued=True)[:2] == ["a", "b"]
+    assert keys(item(file, "same.exr")) == ["b"]
     assert keys(item(file, "same.exr"), valued=True) == []
     assert keys(item(file, "gone.exr")) == ["a"]
     assert keys(item(file, "bad.exr")) == []
@@ -181,6 +209,27 @@ def test_a_batch_shows_its_samples_and_how_to_render_them_again(
     assert files_under(Path("again")) == {p for p in files_under(Path("out")) if "/a." in p}
 
 
+def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    star = np.zeros((32, 32), np.float32)
+    star[8:24, 12:20] = 1.0
+    write_exr(tmp_path / "star.exr", Y=star)
+    jobs = jobs_file(tmp_path, text=PERCENTILE)
+    for path in (tmp_path / "depth").iterdir():
+        write_exr(path, Z=np.linspace(0.1, 0.9, 384, dtype=np.float32).reshape(16, 24))
+    file = Path("batch.html")
+    ran = run("batch", jobs, "-o", "out", "--html", file, "--processes", "1", "--threads", "1")
+    assert ran.code == 0, ran.err
+    assert keys(item(file, "a")) == ["input", "left", "right"]
+    assert item(file, "a")["wiggle"] == ["left", "right"]
+    again = run_command(file, "a", "Render again", "--threads", "1")
+    assert again.code == 0, again.err
+    one, other = (read_exr(Path(out) / "multiview" / "a.exr") for out in ("out", "again"))
+    assert all(np.array_equal(one[channel], other[channel]) for channel in one)
+
+
 def test_a_finished_batch_is_reported_afterwards(tmp_path: Path) -> None:
     jobs, out = jobs_file(tmp_path), tmp_path / "out"
     assert run("batch", jobs, "-o", out, "--html", tmp_path / "first.html").code == 0
@@ -191,3 +240,19 @@ def test_a_finished_batch_is_reported_afterwards(tmp_path: Path) -> None:
     assert run("report", out, "--html", tmp_path / "later.html", "--json").json["samples"] == 4
     assert keys(item(tmp_path / "later.html", "a_focus2m")) == ["input"]
     refused(run("report", tmp_path), 3, "has no journal")
+
+
+@pytest.mark.bench
+def test_five_hundred_pairs_and_their_report_take_no_more_than_a_minute(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    large = np.kron(scene(), np.ones((4, 4, 1), np.float32))[:270, :480]
+    for number in range(500):
+        image = large * rng.uniform(0.5, 1) + rng.normal(0, 0.002, large.shape)
+        for folder, factor in (("A", 1.0), ("B", 1.02 if number % 2 else 1.0)):
+            write_planes(tmp_path / folder / f"{number}.exr", planes(image * factor))
+    words = [sys.executable, "-m", "defocus_cli", "compare", "A", "B", "--html", "r.html"]
+    start = time.perf_counter()
+    ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (1, "")
+    assert time.perf_counter() - start < 60
+    assert (tmp_path / "r.html").stat().st_size < 40e6

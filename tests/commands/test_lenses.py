@@ -10,7 +10,7 @@ from command_line import header, pair, refused, run
 
 from defocus_cli.formats.raster import read_samples
 from defocus_cli.jobs.lens_options import make_lens
-from defocus_cli.jobs.shipped_lenses import ShippedLens, shipped_lenses
+from defocus_cli.lenses.shipped_lenses import ShippedLens, shipped_lenses
 
 LENSES = shipped_lenses()
 

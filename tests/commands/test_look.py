@@ -10,6 +10,8 @@ import pytest
 from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run
 from image_files import save
 
+from defocus_cli.dataset.finished import samples
+
 SIZE = 48
 SHAPES = {
     "blade-curvature": ("--blades", "5", "--blade-curvature", "0.6"),
@@ -99,7 +101,7 @@ def test_a_look_that_makes_no_sense_is_refused(
     [
         (np.zeros((4, 4)), "above 0"),
         (np.full((4, 4), -1.0), "0 or more"),
-        (np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1), "coloured"),
+        (np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1), "above 0"),
     ],
 )
 def test_a_picture_that_is_no_opening_is_refused(
@@ -208,3 +210,199 @@ def test_a_sensor_that_makes_no_sense_is_refused(
     light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, *words)
+
+
+def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
+    depth = depth_exr(tmp_path / "d.exr", np.full((SIZE, SIZE), 50.0, np.float32))
+    lamp = np.full((SIZE, SIZE, 3), 60, np.uint8)
+    lamp[24, 24] = (255, 200, 120)
+    photo = save(tmp_path / "photo.png", lamp)
+    bright = np.full((SIZE, SIZE, 3), 0.05, np.float32)
+    bright[24, 24] = 5.0
+    hdr = color_exr(tmp_path / "hdr.exr", bright)
+
+    def shown(color: Path, out: str, *options: str) -> np.ndarray:
+        ran = run("render", color, depth, "-o", tmp_path / out, *lens, *options)
+        assert ran.code == 0, ran.err
+        planes = read_exr(tmp_path / out / "render" / f"{color.stem}.exr")
+        return np.stack([planes[name] for name in "RGB"], -1).astype(np.float32)
+
+    plain, lit = shown(photo, "plain"), shown(photo, "lit", "--highlights", "auto")
+    more = shown(photo, "more", "--highlights", "0.8:60")
+    assert (lit - plain)[..., 0].max() > 0.01
+    assert (more - plain)[..., 0].max() == pytest.approx(
+        59 / 15 * (lit - plain)[..., 0].max(), rel=0.1
+    )
+    assert np.abs((lit - plain)[:4]).max() < 1 / 255
+    np.testing.assert_array_equal(shown(hdr, "a"), shown(hdr, "b", "--highlights", "auto"))
+    np.testing.assert_array_equal(plain, shown(photo, "off", "--highlights", "off"))
+    refused(
+        run("render", photo, depth, "-o", tmp_path / "x", *lens, "--highlights", "2"), 2, "auto"
+    )
+
+
+def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
+    metres = np.tile(np.linspace(1, 4, 240, dtype=np.float32), (160, 1))
+    color = color_exr(tmp_path / "a.exr", np.full((160, 240, 3), 0.5, np.float32))
+    depth = depth_exr(tmp_path / "d.exr", metres)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
+    options = ("-o", tmp_path / "out", *lens, "--outputs", "focus,coc", "--exr-type", "float")
+    ran = run("render", color, depth, *options)
+    assert ran.code == 0, ran.err
+    shown = read_exr(tmp_path / "out/focus/a.exr")
+    coc = read_exr(tmp_path / "out/coc/a.exr")["coc"][0]
+    red, green, blue = (shown[name][0] for name in "RGB")
+    sharp, near, far = np.abs(coc) <= 1, coc < -1.5, coc > 1.5
+    assert sharp.any()
+    assert ((green > 2 * red) & (green > 2 * blue))[sharp].all()
+    assert (red >= green)[near].all()
+    assert (blue >= green)[far].all()
+    assert shown["R"].shape == metres.shape
+    inset = shown["G"][-40:, :96]
+    assert np.unique(inset).size > 4  # the bars, and the words
+    assert np.unique(shown["G"][-40:, 96:], axis=0).shape[0] == 1
+    records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
+    assert json.loads(records[-1])["seconds"]["render"] == 0
+
+
+def test_a_rim_makes_cats_eyes_off_the_middle_and_dark_corners(tmp_path: Path) -> None:
+    pixels = np.full((48, 72, 3), 0.01, np.float32)
+    pixels[10, 60] = 500.0
+    color = color_exr(tmp_path / "a.exr", pixels)
+    depth = depth_exr(tmp_path / "d.exr", np.full((48, 72), 50.0, np.float32))
+    lens = ("--focal-length", "20mm", "--fnumber", "1", "--focus", "2m", "--sensor-width", "2mm")
+
+    def shown(out: str, *options: str) -> np.ndarray:
+        ran = run("render", color, depth, "-o", tmp_path / out, *lens, *options)
+        assert ran.code == 0, ran.err
+        return read_exr(tmp_path / out / "render/a.exr")["G"].astype(np.float32)
+
+    plain = shown("plain")
+    eye = shown("eye", "--cat-eye", "1:10")
+    dark = shown("dark", "--cat-eye", "1:10", "--vignetting", "on")
+    assert (eye > 0.1).sum() < 0.9 * (plain > 0.1).sum()
+    assert dark[0, 0] < 0.75 * eye[0, 0]
+    assert header(tmp_path / "eye/render/a.exr")["defocus:cat_eye"] == "1:10"
+    for options, words in (
+        (("--cat-eye", "1:90"), "at most"),
+        (("--cat-eye", "1"), "like 1.05:1.5"),
+        (("--vignetting", "on"), "add --cat-eye"),
+    ):
+        out = ("-o", tmp_path / "wrong")
+        ran = run("render", color, depth, *out, *lens, *options)
+        assert ran.code != 0
+        assert words in ran.err
+
+
+def test_axial_color_makes_rims_green_beyond_the_focus(
+    light: tuple[Path, Path], tmp_path: Path
+) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
+    options = (*lens, "--outputs", "render,left,trust", "--exr-type", "float")
+    for name, more in {"plain": (), "axial": ("--axial-color", "0.2mm:0.2mm")}.items():
+        ran = run("render", *light, "-o", tmp_path / name, *options, *more)
+        assert ran.code == 0, ran.err
+    plain, axial = (read_exr(tmp_path / out / "render/rgb.exr") for out in ("plain", "axial"))
+    np.testing.assert_array_equal(plain["G"], axial["G"])
+    rim = (axial["G"] > 0) & (axial["R"] == 0)
+    assert rim.sum() > 20
+    assert (axial["R"] == axial["B"]).all()
+    for channel in "RGB":
+        assert axial[channel].sum() == pytest.approx(1000, rel=1e-4)
+    attributes = header(tmp_path / "axial/render/rgb.exr")
+    assert attributes["defocus:axial_color"] == "0.2mm:0.2mm"
+    for wrong in ("0.2", "0.2mm", "1m:0mm"):
+        out = ("-o", tmp_path / "wrong")
+        refused(run("render", *light, *out, *lens, "--axial-color", wrong), 2, "--axial-color")
+
+
+@pytest.mark.parametrize(
+    "options", [(), ("--blades", "5", "--blade-rotation", "20"), ("--axial-color", "0.1mm:-0.1mm")]
+)
+def test_up_and_down_are_the_halves_of_quad_pixels(
+    tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.random((40, 56, 3), np.float32)
+    metres = np.full((40, 56), 6.0, np.float32)
+    metres[12:30, 20:40] = 1.2
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "9mm")
+
+    def shown(name: str, flip: bool, kinds: str) -> dict[str, np.ndarray]:
+        turn = (lambda a: np.ascontiguousarray(a.swapaxes(0, 1))) if flip else (lambda a: a)
+        color = color_exr(tmp_path / name / "a.exr", turn(pixels))
+        depth = depth_exr(tmp_path / name / "d.exr", turn(metres))
+        width = ("--sensor-width", f"{9 * 40 / 56}mm") if flip else ()
+        out = ("-o", tmp_path / name / "out", "--outputs", kinds, "--exr-type", "float")
+        ran = run("render", color, depth, *out, *lens, *width, *options)
+        assert ran.code == 0, ran.err
+        files = {
+            kind: read_exr(tmp_path / name / "out" / kind / "a.exr") for kind in kinds.split(",")
+        }
+        return {k: turn(np.stack([f[c] for c in "RGB"], -1)) for k, f in files.items()}
+
+    views = shown("upright", False, "render,left,right,up,down")
+    mean = (views["up"] + views["down"]) / 2
+    assert np.abs(mean - views["render"]).max() < 2e-3
+    assert np.abs(views["up"] - views["left"]).max() > 0.05
+    alone = shown("alone", False, "up,down")
+    np.testing.assert_array_equal(alone["up"], views["up"])
+    if not options:  # a round opening is its own transpose
+        turned = shown("turned", True, "left,right")
+        np.testing.assert_allclose(turned["left"], views["up"], atol=1e-4)
+        np.testing.assert_allclose(turned["right"], views["down"], atol=1e-4)
+
+
+def test_each_colour_sees_its_own_part_of_a_coloured_opening(
+    light: tuple[Path, Path], tmp_path: Path
+) -> None:
+    picture = np.zeros((12, 12, 3))
+    picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
+    np.save(tmp_path / "filter.npy", picture)
+    options = ("--aperture-image", str(tmp_path / "filter.npy"))
+    assert drawn(light, tmp_path / "out", *options).sum() == pytest.approx(1000, rel=1e-4)
+    planes = read_exr(tmp_path / "out/render/rgb.exr")
+    at = np.arange(SIZE)
+    red, green, blue = (float((planes[c].sum(0) * at).sum() / planes[c].sum()) for c in "RGB")
+    assert green == pytest.approx(24, abs=0.05)
+    assert green - red == pytest.approx(blue - green, abs=0.05)
+    assert blue - red > 8
+    lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
+    ran = run("render", *light, "-o", tmp_path / "x", *lens, *options, "--outputs", "left")
+    assert ran.code != 0
+    assert "is coloured" in ran.err
+    high = ("-o", tmp_path / "high", *lens, *options, "--quality", "high")
+    assert run("render", *light, *high).code == 0
+
+
+def test_looks_are_swept_and_drawn_in_jobs_files(light: tuple[Path, Path], tmp_path: Path) -> None:
+    np.save(tmp_path / "pupil.npy", np.ones((4, 4)))
+    head = f'[inputs]\ncolor = "{light[0]}"\ndepth = "{light[1]}"\n'
+    lens = '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
+    sweeps = {
+        'spherical = "-0.5..0.5 @ 3 in steps"': ("ring-0.5", "ring0", "ring0.5"),
+        'sharp-range = ["1m..3m", "40m..60m"]': ("sharp1m-3m", "sharp40m-60m"),
+        'dp-model = ["split", "smooth"]\ncat-eye = ["1:1"]': ("rim1.0x1.0_dpsplit",),
+        'aperture-image = ["pupil.npy"]': ("pupilpupil",),
+        'noise = ["500:2"]\nhighlights = ["auto", "off"]': ("lightsoff_noise500.0x2.0",),
+        'axial-color = ["0.1mm:0.1mm"]\nvignetting = ["off"]': ("axial0.1x0.1_vignettingoff",),
+    }
+    for number, (sweep, names) in enumerate(sweeps.items()):
+        jobs = tmp_path / f"jobs{number}.toml"
+        jobs.write_text(f"{head}{lens}[sweep]\n{sweep}\n")
+        out = tmp_path / f"out{number}"
+        ran = run("batch", jobs, "-o", out, "--processes", "1")
+        assert ran.code == 0, ran.err
+        written = {path.stem for path in (out / "render").glob("*.exr")}
+        assert {f"rgb_{name}" for name in names} <= written
+    jobs = tmp_path / "drawn.toml"
+    drawn_from = 'obstruction = "uniform(0.1, 0.5)"\nsqueeze = "choice(1, 2)"\n'
+    jobs.write_text(f"{head}{lens}[sample]\nn = 2\nseed = 1\n{drawn_from}")
+    ran = run("batch", jobs, "-o", tmp_path / "drawn", "--processes", "1")
+    assert ran.code == 0, ran.err
+    found = list(samples(tmp_path / "drawn"))
+    obstructions = [sample.record["lens"]["obstruction"] for sample in found]
+    assert len(set(obstructions)) == 2
+    assert all(0.1 <= value <= 0.5 for value in obstructions)
+    assert [sample.lens.obstruction for sample in found] == obstructions

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 from command_line import (
     HEIGHT,
     WIDTH,
@@ -209,3 +210,42 @@ def test_metadata_serve_a_jobs_file(tmp_path: Path) -> None:
     ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1", "-v")
     assert ran.code == 0, ran.err
     assert "50mm f/2, focus 2m" in ran.err
+
+
+def test_a_contact_sheet_shows_some_frames(tmp_path: Path) -> None:
+    patterns = shot(tmp_path)
+    ran = render(*patterns, "-o", tmp_path / "out", "--contact", "3")
+    assert ran.code == 0, ran.err
+    assert "contact sheet ->" in ran.err
+    sheet = oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).get_pixels(oiio.UINT8)
+    assert sheet.shape == (2 * (HEIGHT + 22), 2 * 320, 3)
+    lit = [sheet[y : y + HEIGHT, x : x + WIDTH].any() for y in (0, HEIGHT + 22) for x in (0, 320)]
+    assert lit == [True, True, True, False]  # three frames, and an empty place
+    again = render(*patterns, "-o", tmp_path / "out", "--contact", "1")
+    assert again.code == 0
+    assert oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).spec().width == 320
+    ran = render(*patterns, "-o", tmp_path / "coc", "--contact", "3", "--outputs", "coc")
+    refused(ran, 2, "--contact: shows images")
+
+
+def test_a_shot_is_summed_up(tmp_path: Path) -> None:
+    color, depth = shot(tmp_path, 5)
+    (tmp_path / "z_1004.exr").unlink()
+    color_exr(tmp_path / "rgb.1003.exr", texture(12, 8))
+    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,2m,8\n1005,2m,1\n")
+    words = ("info", color, depth, *FOCAL, "--animate", tmp_path / "pull.csv")
+    ran = run(*words)
+    assert ran.code == 0, ran.err
+    assert f"{color}: 5 frames, 1001-1005; no gaps" in ran.out
+    assert f"{depth}: 4 frames, 1001-1003, 1005; 1 frame, 1004 missing" in ran.out
+    assert "size changes: 24x16 in 4 frames, 1001-1002, 1004-1005; 12x8 in 1 frame, 1003" in ran.out
+    assert "  1001: 1 m to 4 m, CoC " in ran.out
+    assert "  1005: 1.4 m to 4.4 m, CoC " in ran.out
+    assert "blur is largest in 1005: " in ran.out
+    of_color, of_depth = run(*words, "--json").json["shots"]
+    assert of_depth["gaps"] == [1004]
+    assert of_depth["largest_blur"]["frame"] == 1005
+    assert of_color["depth"] == []
+    bare = run("info", depth, "--json").json["shots"][0]
+    assert bare["largest_blur"] is None
+    assert [each["frame"] for each in bare["depth"]] == [1001, 1002, 1003, 1005]

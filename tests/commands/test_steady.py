@@ -176,8 +176,11 @@ def test_vectors_that_are_not_there_are_asked_for(tmp_path: Path) -> None:
     assert "has no motion vectors 'Vector'; its layers are backward, forward" in ran.err
 
 
-def test_retry_knows_the_shot_of_a_frame(tmp_path: Path) -> None:
-    patterns = still(tmp_path, 6)
+@pytest.mark.parametrize("hidden", [False, True])
+def test_retry_knows_the_shot_of_a_frame(tmp_path: Path, hidden: bool) -> None:
+    patterns: tuple[Any, ...] = still(tmp_path, 6)
+    if hidden:
+        patterns = (*patterns, "--hidden", *still(tmp_path / "hidden", 6))
     good = (tmp_path / "z.0002.exr").read_bytes()
     (tmp_path / "z.0002.exr").write_bytes(good[:400])
     assert render(*patterns, "-o", tmp_path / "out").code == 1
@@ -214,3 +217,13 @@ def test_a_jobs_file_says_what_frames_have_in_common(tmp_path: Path) -> None:
     for change, problem in (("steady = true", "steady = 3"), ("steady", "steadiness")):
         (tmp_path / "jobs.toml").write_text(text.replace(change, problem))
         assert run("batch", tmp_path / "jobs.toml", "-o", tmp_path / "none").code == 2
+
+
+def test_other_frames_are_inputs_of_the_journal_and_of_no_list(tmp_path: Path) -> None:
+    patterns = still(tmp_path, 4)
+    ran = render(*patterns, "-o", tmp_path / "out", "--dry-run")
+    assert "rgb.0001.exr, " in ran.err + ran.out
+    assert "and 3 other frames of the shot" in ran.err + ran.out
+    document = render(*patterns, "-o", tmp_path / "out", "--json").json
+    assert not any(key.startswith("frame") for key in document["pictures"][0])
+    assert "frame0_depth" in records(tmp_path / "out")[2]["inputs"]

@@ -10,7 +10,7 @@ import torch
 from elsewhere import NAME, elsewhere, here, there, waits
 from torch import Tensor
 
-from defocus_core import Aperture, DefocusLens, HiddenLayer, RandomDefocus, render
+from defocus_core import Aperture, DefocusLens, HiddenLayer, RandomDefocus, render, render_layers
 from defocus_core.engine.region import Region
 from defocus_core.engine.settings import Settings
 from defocus_core.evaluation.law_checks import Check, Setting
@@ -96,6 +96,21 @@ def test_nor_what_is_known_to_be_hidden(quality: str) -> None:
 
     with torch.no_grad():
         agree(rendered)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_nor_do_layers(count: int) -> None:
+    image, radius = scene()
+    coverage = torch.stack([(radius < 0).float() * 0.7, torch.ones(SIZE) * 0.9])[:count]
+    radii = torch.stack([radius, torch.full(SIZE, 9.0)])[:count]
+
+    def work(to: Moved) -> list[Tensor | None]:
+        layers = (image * coverage[:, None], radii, coverage)
+        found = render_layers(*map(to, layers), left_right=True)
+        return [found.render, found.left, found.right, found.trust]
+
+    with torch.no_grad():
+        agree(work)
 
 
 def test_nor_a_stream() -> None:

@@ -208,3 +208,13 @@ def test_gradients_reach_colours_radii_and_coverage() -> None:
 def test_wrong_layers_are_refused(change, words: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ValueError, match=words):
         render_layers(*change(*scene((-6.0, 2.0))))
+
+
+def test_at_the_border_alpha_expects_what_each_sample_of_a_pixel_sees_of_the_frame() -> None:
+    radius = torch.tensor([-8.0, 5.0, 2.0])[:, None, None].expand(-1, *SIZE)
+    coverage = torch.stack([disc(3, 40, 9) * 0.6, torch.ones(SIZE), disc(60, 2, 1)])
+    coverage[1, 60:64, 40:44] = 0  # so that the picture is open
+    white = coverage[:, None].expand(-1, 3, -1, -1)
+    alpha = render_layers(white, radius, coverage).render[-1]
+    assert alpha[:40].min() > 0.75
+    assert alpha[:40].mean() > 0.99

@@ -13,8 +13,9 @@ from command_line import Ran, pair, render
 
 from defocus_cli.batch import pipeline
 from defocus_cli.batch.plan import Chunk, Done, Execute
-from defocus_cli.jobs.job import Job, lens_record
+from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
+from defocus_cli.lenses.lens import lens_record
 from defocus_cli.options.batch import Crew
 
 JOBS = """
@@ -109,6 +110,8 @@ def _pretended(job: Job, out: Path) -> dict[str, Any]:
         "coc_px": [0.0, 1.0],
         "color_note": "",
         "depth_note": "",
+        "depth_repair": None,
+        "measures": {},
         "device": "cpu",
         "quality": "standard",
         "warnings": [],

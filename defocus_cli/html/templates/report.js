@@ -12,10 +12,11 @@ const loaded = new Promise(done => {
 
 // What is shown, and how; it stays while items change. Place and zoom are in px of the picture.
 const view = {
-  item: -1, order: items.map((_, n) => n), mode: "slider", wiggling: false, first: "", second: "",
+  item: -1, order: items.map((_, n) => n), mode: "slider", shown: "slider", wiggling: false, first: "", second: "",
   overlay: "", stops: 0, split: 0.5, zoom: 0, x: 0, y: 0, size: "", turn: false,
 };
-const MAX_ZOOM = 64, PERIOD = 500, FRAME = 125;
+const MAX_ZOOM = 64, PERIOD = 500, FRAME = 1000 / 12;
+let film = 0, flickering = 0;
 const item = () => items[view.item];
 const layerOf = key => item() && item().layers.find(layer => layer.key === key);
 const pictured = () => item() ? item().layers.filter(layer => layer.key !== "difference") : [];
@@ -263,18 +264,19 @@ async function valueTexture(owner, layer) {
   return texture(() => gl.texImage2D(gl.TEXTURE_2D, 0, inner, width, height, 0, format, gl.HALF_FLOAT, bits), gl.NEAREST);
 }
 
+// Hand a layer to the shader; whether there is something of it to show. A film shows thumbnails.
 function fillSlot(slot, layer) {
   const name = `slots[${slot}].`;
   const use = (unit, made) => { gl.activeTexture(gl.TEXTURE0 + unit); gl.bindTexture(gl.TEXTURE_2D, made); };
   gl.uniform1i(at(`${name}kind`), layer ? KINDS[layer.kind] : -1);
   const thumb = layer && layer.thumbnail && textureOf(layer.thumbnail, () => thumbTexture(layer.thumbnail));
-  const owner = item(), values = layer && layer.values;
+  const owner = item(), values = layer && !(film && layer.thumbnail) && layer.values;
   const value = values && textureOf(values.payload, () => valueTexture(owner, layer));
   gl.uniform1i(at(`${name}thumb`), thumb ? 1 : 0);
   gl.uniform1i(at(`${name}values`), value ? 1 : 0);
   use(slot, thumb || null);
   use(slot + 4, value || null);
-  if (!layer) return;
+  if (!layer) return false;
   gl.uniform1i(at(`${name}lone`), layer.channels.length === 1 ? 1 : 0);
   if (value) {
     gl.uniform4f(at(`${name}box`), ...values.corner, ...values.size);
@@ -283,6 +285,7 @@ function fillSlot(slot, layer) {
   gl.uniform2f(at(`${name}size`), ...layer.size);
   gl.uniform1f(at(`${name}gamma`), layer.gamma === null ? 0 : layer.gamma);
   gl.uniform2f(at(`${name}ends`), ...layer.ends);
+  return Boolean(thumb || value);
 }
 
 let due = false;
@@ -294,16 +297,16 @@ function draw() {
 
 function paint() {
   const first = layerOf(view.first), second = layerOf(view.second) || first;
+  const ready = !first || [fillSlot(0, first), fillSlot(1, second)].every(Boolean);
+  if (!ready) return; // the last picture stays until this one is decoded
   gl.viewport(0, 0, canvas.width, canvas.height);
   gl.clearColor(0, 0, 0, 0);
   gl.clear(gl.COLOR_BUFFER_BIT);
   if (!first) return;
-  fillSlot(0, first);
-  fillSlot(1, second);
   fillSlot(2, layerOf(view.overlay));
   fillSlot(3, ofPair() ? layerOf("difference") : undefined);
   const ratio = canvas.width / (canvas.clientWidth || 1), zoom = zoomNow() * ratio;
-  const mode = { first: 0, second: 1, slider: 2, difference: 3, flicker: view.turn ? 1 : 0 }[view.mode];
+  const mode = { first: 0, second: 1, slider: 2, difference: 3, flicker: view.turn ? 1 : 0 }[view.shown];
   gl.uniform1i(at("mode"), mode);
   gl.uniform2f(at("origin"), view.x - canvas.width / zoom / 2, view.y - canvas.height / zoom / 2);
   gl.uniform1f(at("zoom"), zoom);
@@ -409,7 +412,7 @@ function show(number, quietly) {
   if (size !== view.size) fit();
   view.size = size;
   $("title").textContent = item().name;
-  $("position").textContent = `${view.order.indexOf(number) + 1} of ${view.order.length}`;
+  position();
   $("worst").disabled = !item().place;
   if (program) {
     $("failure").textContent = "There is no picture of this item in the report.";
@@ -419,6 +422,13 @@ function show(number, quietly) {
   details();
   modes();
   if (!quietly) tell(`${item().name}: ${item().status}`);
+}
+
+// Number of the item; if names end in digits, as those of frames do, the number of the frame.
+function position() {
+  const frame = /(\d+)(?:\.\w+)?$/.exec(item().name);
+  const place = `${view.order.indexOf(view.item) + 1} of ${view.order.length}`;
+  $("position").textContent = frame ? `${place} · frame ${frame[1]}` : place;
 }
 
 const tell = words => { $("news").textContent = words; };
@@ -470,7 +480,7 @@ function modes() {
     first: true, second: two, slider: two, flicker: two, difference: hasDifference(),
   };
   const wanted = view.mode;
-  const mode = able[wanted] ? wanted : "second";
+  const mode = view.shown = able[wanted] ? wanted : "second";
   for (const button of document.querySelectorAll("[data-mode]")) {
     button.disabled = !able[button.dataset.mode] && !(button.dataset.mode === "second");
     button.setAttribute("aria-pressed", String(button.dataset.mode === mode && !view.wiggling));
@@ -489,7 +499,6 @@ function modes() {
   flickering = mode === "flicker" ? setInterval(() => { view.turn = !view.turn; badge(titles, mode); draw(); }, view.wiggling ? PERIOD / 2 : PERIOD) : 0;
   draw();
 }
-let flickering = 0;
 
 function badge(titles, mode) {
   const layer = layerOf(mode === "flicker" ? (view.turn ? view.second : view.first) : view.second);
@@ -520,7 +529,7 @@ function wiggle() {
 }
 
 function expose(stops) {
-  view.stops = Math.max(-12, Math.min(12, stops));
+  view.stops = Math.max(-20, Math.min(20, stops));
   $("exposure").value = view.stops;
   modes();
 }
@@ -531,13 +540,16 @@ function step(by) {
   if (next !== undefined && next !== view.item) show(next);
 }
 
-let film = 0;
 function play() {
   $("play").setAttribute("aria-pressed", String(!film));
-  if (film) { clearInterval(film); film = 0; return; }
+  if (film) { clearInterval(film); film = 0; draw(); return; }
+  const after = steps => view.order[(view.order.indexOf(view.item) + steps) % view.order.length];
   film = setInterval(() => {
-    const place = view.order.indexOf(view.item);
-    show(view.order[(place + 1) % view.order.length], true);
+    show(after(1), true);
+    for (const key of [view.first, view.second]) { // decoded before they are due
+      const layer = items[after(1)].layers.find(each => each.key === key);
+      if (program && layer && layer.thumbnail) textureOf(layer.thumbnail, () => thumbTexture(layer.thumbnail));
+    }
   }, FRAME);
 }
 
@@ -586,7 +598,7 @@ function list_rows() {
     button.parentElement.setAttribute("aria-sort", own ? (sorting.down ? "descending" : "ascending") : "none");
   }
   if (view.order.length && !shown.has(view.item)) show(view.order[0], true);
-  else if (item()) $("position").textContent = `${view.order.indexOf(view.item) + 1} of ${view.order.length}`;
+  else if (item()) position();
 }
 
 function sort(by) {
@@ -666,7 +678,7 @@ for (const name of ["first", "second"]) $(name).onchange = event => {
 let drag = null;
 canvas.addEventListener("pointerdown", event => {
   if (event.button) return;
-  const near = view.mode === "slider" && Math.abs(event.offsetX - view.split * canvas.clientWidth) < 12;
+  const near = view.shown === "slider" && Math.abs(event.offsetX - view.split * canvas.clientWidth) < 12;
   drag = { near, x: event.offsetX, y: event.offsetY };
   canvas.setPointerCapture(event.pointerId);
 });

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from defocus_cli.batch.output_checks import refuse_misplaced, refuse_unknown
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import written_whole
 

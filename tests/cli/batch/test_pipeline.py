@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from defocus_cli.batch import job_result, pipeline
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_cli.lenses.lens import Lens
 
 STEP = 0.03  # seconds
 LENS = Lens(50.0, 2.0, 2000.0)

@@ -17,7 +17,7 @@ from jobs_files import chunks_of
 
 from defocus_cli.batch.plan import Chunk
 from defocus_cli.batch.pool import STRIKES, Pool
-from defocus_cli.jobs.job import Lens
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError
 
 LENS = Lens(50.0, 2.0, 2000.0)

@@ -8,7 +8,7 @@ import pytest
 
 from defocus_cli.compare.metrics import METRICS
 from defocus_cli.compare.thresholds import Rule, matches, read_thresholds, rule
-from defocus_cli.jobs.quantities import QuantityError
+from defocus_cli.lenses.quantities import QuantityError
 from defocus_cli.system.errors import UsageProblem
 
 

@@ -12,10 +12,10 @@ from jobs_files import INPUTS, LENS, SAMPLE, jobs, pictures
 from defocus_cli.batch import pipeline, run
 from defocus_cli.dataset import sample_index, tar_shards
 from defocus_cli.dataset.finished import samples
-from defocus_cli.jobs.job import Lens
 from defocus_cli.journal.journal import Record, read_all
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.journal.plain_values import plain, typed
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.reports import batch_report
 
 DRAFT = '[machine]\nquality = "draft"\n'

@@ -12,7 +12,7 @@ from records import record
 
 from defocus_cli.dataset import sample_index
 from defocus_cli.dataset.finished import samples
-from defocus_cli.jobs.job import Lens
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError
 
 

@@ -12,7 +12,7 @@ import pytest
 from records import record
 
 from defocus_cli.dataset import tar_shards
-from defocus_cli.jobs.quantities import QuantityError, byte_count
+from defocus_cli.lenses.quantities import QuantityError, byte_count
 from defocus_cli.system.errors import InputError
 
 LARGE = 10**9

@@ -281,10 +281,9 @@ def test_depth_has_one_channel(tmp_path: Path) -> None:
         read_depth(path, channel="R")
 
 
-def test_deep_data_is_refused(tmp_path: Path) -> None:
+def test_of_deep_data_depth_is_that_of_the_first_surface(tmp_path: Path) -> None:
     write_deep(tmp_path / "a.exr")
-    with pytest.raises(InputError, match=r"deep data.*flatten"):
-        read_depth(tmp_path / "a.exr")
+    assert (read_depth(tmp_path / "a.exr").metres == 1).all()
 
 
 def test_depth_is_plain_data() -> None:

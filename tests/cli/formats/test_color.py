@@ -289,7 +289,7 @@ def test_bad_files_are_told_in_one_line_and_nothing_is_printed(
         "text.exr": "not an OpenEXR file",
         "text.png": "not an image",
         "text.txt": "not an image",
-        "deep.exr": "deep data",
+        "deep.exr": "has no colour channels",
     }
     for name, problem in names.items():
         with pytest.raises(InputError, match=problem) as caught:

@@ -18,7 +18,7 @@ from command_line import header
 from defocus_cli.formats.color import read_color
 from defocus_cli.formats.describe import describe
 from defocus_cli.formats.encode import FORMATS, display_encoded, write_image
-from defocus_cli.rendering.preview import diverging, largest, write_preview, write_signed_preview
+from defocus_cli.look.preview import diverging, largest, write_preview, write_signed_preview
 from defocus_cli.system.errors import InputError, UsageProblem
 from defocus_cli.system.safe_files import written_whole
 

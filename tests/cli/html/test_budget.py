@@ -20,7 +20,7 @@ def item(name: str, thumbnail: int, values: int) -> Item:
 @pytest.fixture
 def room(monkeypatch: pytest.MonkeyPatch) -> int:
     monkeypatch.setattr(budget, "ROOM", 4000)
-    monkeypatch.setattr(budget, "_FOR_THUMBNAILS", 2000)
+    monkeypatch.setattr(budget, "_FRAME", 0)
     return 4000
 
 
@@ -53,6 +53,14 @@ def test_thumbnails_take_no_more_than_a_half(room: int) -> None:
     assert valued(fitted)[0]
     assert spent(fitted) <= room
     assert fitted[-1].layers == []  # in the table alone
+
+
+def test_a_table_of_very_many_items_takes_room_from_pictures() -> None:
+    items = [item(str(n), 3000, 0) for n in range(20_000)]
+    fitted = budget.fitted(items)
+    assert spent(fitted) < budget.ROOM - 20_000 * budget._FRAME
+    assert fitted[0].layers
+    assert not fitted[-1].layers
 
 
 def test_a_large_item_lets_smaller_ones_come_after_it(room: int) -> None:

@@ -238,12 +238,14 @@ def test_items_play_like_a_film(page: Page) -> None:
     page.page.click("[data-sort=name]")
     page.page.locator("#canvas").focus()
     page.press(" ")
+    assert page.text("#position") in ("1 of 2 · frame 2", "2 of 2 · frame 10")
     for name in ("frame10", "frame2", "frame10"):
         page.wait(f"document.getElementById('title').textContent.includes('{name}.')")
     page.press(" ")
     title = page.text("#title")
     page.page.wait_for_timeout(400)
     assert page.text("#title") == title
+    assert page.pixel(0.5, 0.3)[0] == pytest.approx(SHOWN[BEFORE], abs=3)  # a thumbnail
 
 
 def test_thumbnails_are_decoded_as_they_come_into_view(page: Page) -> None:

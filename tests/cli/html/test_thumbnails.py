@@ -35,6 +35,14 @@ def test_a_lone_pixel_that_differs_is_seen(tmp_path: Path) -> None:
     assert np.median(shown) < 10
 
 
+@pytest.mark.filterwarnings("error")
+def test_numbers_beyond_single_precision_are_shown(tmp_path: Path) -> None:
+    plane = np.linspace(-1e300, 1e300, 64).reshape(8, 8)
+    shown = decoded(thumbnails.of_map(plane, thumbnails.ends_of(plane, PLAIN)), tmp_path)
+    assert (shown[0, 0, 0], shown[7, 7, 0]) == (0, 255)
+    assert decoded(thumbnails.of_difference(np.abs(plane), 1e300), tmp_path)[0, 0].min() > 100
+
+
 def test_nan_is_magenta(tmp_path: Path) -> None:
     plane = np.full((640, 640), 0.25, np.float16)
     plane[300:340, 300:340] = np.nan

@@ -56,6 +56,13 @@ def test_a_tracked_point_is_a_focus_and_blades_hold(tmp_path: Path) -> None:
     assert shot.texts(2) == {"focus-at": "16,20", "blades": "6"}
 
 
+def test_ranges_of_distances_go_in_disparity_and_shapes_of_blades_evenly(tmp_path: Path) -> None:
+    text = "frame,sharp-range,blade-curvature\n1,1m..3m,0\n3,3m..inf,1\n"
+    middle = values(animation(tmp_path, text), 2)
+    assert middle["sharp-range"] == pytest.approx((1500, 6000))
+    assert middle["blade-curvature"] == 0.5
+
+
 def test_bare_numbers_are_metres_of_focus_and_millimetres_of_lenses(tmp_path: Path) -> None:
     shot = animation(tmp_path, "frame,focus,focal-length\n1,2,35\n")
     assert values(shot, 1) == {"focus": 2000, "focal-length": 35}

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_cli.jobs.pairing import find_pictures
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError
 
 

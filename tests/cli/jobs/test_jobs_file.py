@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from jobs_files import FIXED, LENS, jobs, jobs_file, names, touch
 
-from defocus_cli.jobs.job import Lens, Machine, Outputs, Reading
+from defocus_cli.jobs.job import Machine, Outputs, Reading
 from defocus_cli.jobs.jobs_file import read_jobs
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError, UsageProblem, UserError
 
 

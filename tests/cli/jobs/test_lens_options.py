@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from defocus_cli.jobs.job import Lens
 from defocus_cli.jobs.lens_options import make_lens
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError, UsageProblem
 
 FLAGS = {"focal-length": 50.0, "fnumber": 2.0, "focus": 2000.0}

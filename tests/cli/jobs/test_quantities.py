@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from defocus_cli.jobs import quantities
-from defocus_cli.jobs.quantities import QuantityError
+from defocus_cli.lenses import quantities
+from defocus_cli.lenses.quantities import QuantityError
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from defocus_cli.jobs.job import Draw, Job, Lens, Machine, Outputs, Picture, Reading
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading, Shot, Taken
 from defocus_cli.journal import identity
 from defocus_cli.journal.plain_values import plain, typed
+from defocus_cli.lenses.lens import Draw, Lens
 from defocus_core.renderer_version import RENDERER_VERSION
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
@@ -21,6 +22,9 @@ JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Mac
 DRAW = Draw(7, "a", 3, (("fnumber", "uniform(1, 2)"), ("focus", "inf")), attempt=2)
 HIDDEN = replace(PICTURE, hidden=Picture("b", Path("b.exr"), Path("c.exr")))
 LENS = Lens(50.0, 2.0, math.inf, (3, 4), 24.0, 6, 15.0, None, 40.0, draw=DRAW)
+
+FRAME = Taken(replace(PICTURE, frame=3), LENS)
+SHOT = Shot((FRAME,), (FRAME.picture,), (FRAME, FRAME), "forward")
 
 
 def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:
@@ -110,7 +114,9 @@ def test_a_time_that_is_only_just_past_is_not_relied_on(tmp_path: Path) -> None:
     assert identity.settled_stamp(path)["mtime_ns"] == 0
 
 
-@pytest.mark.parametrize("job", [JOB, replace(JOB, picture=HIDDEN, lens=LENS, suffix="_x")])
+@pytest.mark.parametrize(
+    "job", [JOB, replace(JOB, shot=SHOT), replace(JOB, picture=HIDDEN, lens=LENS, suffix="_x")]
+)
 def test_a_job_survives_being_made_plain(job: Job) -> None:
     assert typed(Job, plain(job)) == job
 

@@ -17,6 +17,7 @@ from defocus_cli.depth_formats.table import UNITS
 from defocus_cli.jobs import job
 from defocus_cli.jobs.lens_options import PARSERS
 from defocus_cli.jobs.reading_options import NAMES_OF_OPTIONS
+from defocus_cli.lenses import lens, quantities
 from defocus_cli.options import shared
 
 
@@ -25,7 +26,11 @@ def test_qualities_are_those_of_the_core() -> None:
 
 
 def test_models_of_dual_pixels_are_those_of_the_core() -> None:
-    assert defocus_core.DUAL_PIXEL_MODELS == job.DUAL_PIXEL_MODELS
+    assert defocus_core.DUAL_PIXEL_MODELS == lens.DUAL_PIXEL_MODELS
+
+
+def test_automatic_lights_are_those_of_the_core() -> None:
+    assert defocus_core.AUTO_LIGHTS == quantities.AUTO_LIGHTS
 
 
 def test_threads_are_the_cores_this_process_may_use() -> None:
@@ -74,7 +79,7 @@ def test_help_shows_options_under_their_headings() -> None:
         (
             "--outputs",
             "render,bokeh",
-            "'bokeh' is no output; write like render,left,right,coc,disparity",
+            "'bokeh' is no output; write like render,left,right,up,down,coc,disparity",
         ),
         ("--outputs", "", "'' is no output; write like render"),
         ("--threads", "0", "x>=1"),

@@ -18,8 +18,9 @@ from image_files import save
 
 from defocus_cli.exr import reading, writing
 from defocus_cli.formats import kinds
-from defocus_cli.jobs.job import Job, Lens, Machine, Outputs, Picture, Reading
-from defocus_cli.jobs.quantities import byte_count
+from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.quantities import byte_count
 from defocus_cli.options import batch
 from defocus_cli.options.batch import Crew, computed_by
 from defocus_cli.rendering import memory_budget

@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.soft_edges import AROUND, without_ramps
+from defocus_core.depth.soft_edges import around_ramps, without_ramps
 from defocus_core.engine.statistics import needs_double, surveyed
 from defocus_core.images.box import Box
 from defocus_core.images.derived import Repaired
@@ -97,7 +97,7 @@ def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None
     radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
     whole = without_ramps(radius)
     assert not torch.equal(whole, radius)
-    lazily = Repaired(radius, without_ramps, AROUND)
+    lazily = Repaired(radius, without_ramps, around_ramps(None))
     for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
         assert torch.equal(box.of(lazily), box.of(whole))
 

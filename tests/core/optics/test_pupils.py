@@ -236,3 +236,29 @@ def test_a_pupil_that_makes_no_sense_is_refused(options: dict, words: str) -> No
 def test_a_picture_that_is_no_pupil_is_refused(picture: Tensor, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         PupilImage(picture)
+
+
+@pytest.mark.parametrize("pupil", [*PUPILS, Aperture(5, 20.0)])
+def test_a_transposed_pupil_has_rows_for_columns(pupil: Aperture) -> None:
+    kernel, turned = (p.kernel(double(9.3), 21) for p in (pupil, pupil.transposed()))
+    torch.testing.assert_close(turned, kernel.mT, atol=1e-12, rtol=0)
+    again = pupil.transposed().transposed().kernel(double(9.3), 21)
+    torch.testing.assert_close(again, kernel, atol=1e-12, rtol=0)
+
+
+def test_a_pupil_with_its_light_aside_leaves_white_white_and_says_what_it_saw() -> None:
+    picture = torch.zeros(12, 12)
+    picture[:, :4] = 1
+    whole = PupilImage(torch.ones(12, 12))
+    pupil = Aperture(image=PupilImage(picture, like=whole))
+    radius = torch.full((40, 44), 8.0)
+    radius[10:30, 12:30] = -4.0
+    for quality in ("draft", "standard", "high"):
+        views = render(torch.ones(1, 40, 44), radius, aperture=pupil, quality=quality)
+        assert (views.render - 1).abs().max() < 1e-5
+        assert bool(views.trust.isfinite().all())
+    corners = Aperture(image=PupilImage(torch.eye(2)))
+    white = render(torch.ones(1, 40, 44), radius, aperture=corners, left_right=True)
+    assert all((view - 1).abs().max() < 1e-5 for view in white.images)
+    with pytest.raises(ValueError, match="like must be a picture"):
+        PupilImage(picture, like=PupilImage(torch.ones(5, 5)))

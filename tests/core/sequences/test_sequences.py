@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from defocus_core import DepthRepair, render
+from defocus_core import DepthRepair, Settings, Stream, render
 from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.sequences.motion import Frame, approached, chained, places
 from defocus_core.sequences.seen_behind import seen_behind
@@ -54,10 +54,13 @@ def test_frames_and_scales_must_match() -> None:
 
 def test_a_decided_repair_is_the_one_that_is_made() -> None:
     image, radius = texture(), noisy(1)
-    decided = render(image, radius, depth_repair=DepthRepair(noise=0.3)).render
-    found = render(image, radius, depth_repair="auto").render
-    none = render(image, radius, depth_repair=DepthRepair()).render
-    assert torch.equal(none, render(image, radius, depth_repair="off").render)
+
+    def rendered(settings: Settings) -> torch.Tensor:
+        return torch.cat([part.render for part in Stream(image, radius, settings).regions()])
+
+    decided = rendered(Settings(decided=DepthRepair(noise=0.3)))
+    found, none = rendered(Settings()), rendered(Settings(decided=DepthRepair()))
+    assert torch.equal(none, rendered(Settings(depth_repair="off")))
     assert (found - decided).abs().max() < 0.1 * (found - none).abs().max()
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from defocus_cli.depth.focusing import radius_map
+from defocus_cli.depth.implausible import implausible
 from defocus_cli.depth_formats.depth import Depth
-from defocus_cli.jobs.job import Lens
-from defocus_cli.rendering.focusing import radius_map
-from defocus_cli.rendering.implausible_depth import implausible
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.arrays import IN_MEMORY
 
 LENS = Lens(50.0, 2.0, 2000.0)

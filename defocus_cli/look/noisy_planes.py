@@ -7,7 +7,8 @@ from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Lens
+from defocus_cli.jobs.job import Job
+from defocus_cli.lenses.lens import Lens
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,7 +31,7 @@ def noisy(
     if lens.noise is None:
         return tuple(planes)
     electrons, read = lens.noise
-    if KINDS[view].halves:
+    if KINDS[view].halves or KINDS[view].turned:
         electrons /= 2
     words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view}"
     return tuple(

@@ -24,6 +24,8 @@ _BYTES = {
     **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
 }
 _MOST_ELECTRONS = 1e9
+_MOST_SHIFT = 10.0  # mm of the focus of a colour
+AUTO_LIGHTS = (0.93, 16.0)  # threshold and gain; of defocus_core, too
 MOST_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
@@ -161,6 +163,46 @@ def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
         return word
 
     return parse
+
+
+def highlights(text: str) -> tuple[float, float] | None:
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
+    if (word := text.strip().lower()) in ("auto", "off"):
+        return AUTO_LIGHTS if word == "auto" else None
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is no THRESHOLD:GAIN", "write auto, or like 0.93:16")
+    example = "like 0.93:16"
+    return (
+        within(0, 0.999, "a threshold in linear light", example)(words[0]),
+        within(1, 1000, "a gain", example)(words[1]),
+    )
+
+
+def rim(text: str) -> tuple[float, float]:
+    """Radius of a rim, and its distance, in radii of the opening, from ``1.05:1.5``."""
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is not the rim of a barrel", "write it like 1.05:1.5")
+    size = within(0.1, 10, "the radius of a rim", "like 1.05:1.5")(words[0])
+    return size, within(0, 100, "the distance of a rim", "like 1.05:1.5")(words[1])
+
+
+def shifts(text: str) -> tuple[float, float]:
+    """Shifts of the focus of red and of blue in mm, of either sign, from ``0.1mm:0.05mm``."""
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is no RED:BLUE", "write it like 0.1mm:0.05mm")
+    red, blue = (float(_number(word, "a length", "like 0.1mm", _MM)) for word in words)
+    if max(abs(red), abs(blue)) > _MOST_SHIFT:
+        problem, remedy = f"'{text}' shifts too far", f"give {_MOST_SHIFT:g}mm at most"
+        raise QuantityError(problem, remedy)
+    return red, blue
+
+
+def switch(text: str) -> bool:
+    """Whether something is ``on``, or ``off``."""
+    return one_of(("on", "off"), "on or off")(text) == "on"
 
 
 def noise(text: str) -> tuple[float, float]:

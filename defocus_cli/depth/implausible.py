@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.quantities import length_text
+from defocus_cli.lenses.quantities import length_text
 from defocus_cli.system.arrays import bands
 from defocus_cli.system.console import counted
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from defocus_cli.depth_formats.depth import Depth
-    from defocus_cli.jobs.job import Lens
+    from defocus_cli.lenses.lens import Lens
 
 MM_PER_M = 1000.0
 # Where the sharpest pixel is blurred by more than both, nothing in the picture is in focus.

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.encode import write_samples
 from defocus_cli.jobs.lens_options import make_lens
-from defocus_cli.jobs.shipped_lenses import ShippedLens
-from defocus_cli.rendering.opening import aperture_of
+from defocus_cli.lenses.shipped_lenses import ShippedLens
+from defocus_cli.look.opening import aperture_of, cat_eye_of
 from defocus_cli.system.process import set_to_render
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _SIZE = (200, 300)  # height and width in px of a picture
 _RADIUS = 22.0  # px, greatest CoC radius
+_FOCUS = 1e5  # mm, beyond every focal length; the radii are those of the lights
 _COLUMNS = 3
 _LINE, _LETTERS = 26, 16  # px of a line of words, and of its letters
 _GREY = 0.8  # of words, in sRGB
@@ -47,9 +48,10 @@ def _picture(shipped: ShippedLens) -> NDArray[Any]:
     """Lights nearer and farther than the focus with a lens, sRGB [H, W, 3]."""
     from defocus_core import render, scenery
 
-    lens = make_lens({}, shipped.path, radii=True)
+    lens = make_lens({"focus": _FOCUS}, shipped.path)
     image, radius = scenery("lights", *_SIZE, _RADIUS)[:2]
-    shown = render(image, radius, aperture=aperture_of(lens)).render
+    cat_eye = cat_eye_of(lens, _SIZE[::-1])
+    shown = render(image, radius, aperture=aperture_of(lens), cat_eye=cat_eye).render
     return linear_to_srgb(shown.movedim(0, -1).contiguous().numpy().clip(0, 1))
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from defocus_cli.formats.color import Color
 
 # Pixels from an edge within which a pixel has the depth that it lacks; steps to the pixels around.
-_REACH = 3
+_REACH = 8
 _STEPS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0))
 
 

@@ -101,9 +101,9 @@ def convert(place: Place, reading: Reading) -> Converted:
     with put_off():
         import numpy as np
 
+    from defocus_cli.depth.implausible import implausible_file
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.exr.writing import write_exr
-    from defocus_cli.rendering.implausible_depth import implausible_file
 
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"
@@ -132,7 +132,7 @@ def convert(place: Place, reading: Reading) -> Converted:
 
 def _write_preview(path: Path, depth: Depth, range_m: tuple[float, float] | None) -> None:
     """Disparity from black at infinity to white at the nearest pixel."""
-    from defocus_cli.rendering.preview import write_preview
+    from defocus_cli.look.preview import write_preview
 
     nearest = 1.0 if range_m is None else range_m[0]
     write_preview(path, _Disparity(depth.metres, nearest))

@@ -10,30 +10,36 @@ from typing import TYPE_CHECKING
 
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.kinds import DISPARITY_PER_RADIUS
-from defocus_cli.jobs.job import Lens
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.errors import InputError, UsageProblem, reason
 from defocus_cli.system.safe_files import read_head
 
 if TYPE_CHECKING:
-    from defocus_core import Aperture, DualPixel, PupilImage
+    from defocus_core import Aperture, CatEye, DualPixel, PupilImage
 
 # Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
 # of JPEG makes less.
 _GREY = 0.02
 _MOST_SIDE = 4096  # px; sums of areas lose digits beyond
+_COLORS = 3
 _MOST_RADIUS = 2000  # px of a drawn blur
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
 
-def aperture_of(lens: Lens) -> Aperture:
-    """The pupil of a lens.
+def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
+    """The pupil of a lens, as light of a colour sees it: red is 0, green 1, blue 2.
+
+    Without a colour, a coloured pupil is the mean of its colours.
 
     Raises:
         InputError: the picture of the pupil cannot be used.
     """
     from defocus_core import Aperture
 
-    picture = None if lens.aperture_image is None else pupil_image(lens.aperture_image)
+    picture = None
+    if lens.aperture_image is not None:
+        mean, *colors = pupil_images(lens.aperture_image)
+        picture = colors[color] if colors and color is not None else mean
     return Aperture(
         blades=lens.blades,
         rotation=lens.blade_rotation,
@@ -45,7 +51,31 @@ def aperture_of(lens: Lens) -> Aperture:
     )
 
 
-def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float]:
+def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
+    """The barrel that clips the opening in pictures of (width, height) px, if one does.
+
+    Raises:
+        UsageProblem: the rim would hide the middle of the opening in the corners.
+    """
+    from defocus_core import CatEye
+
+    if lens.cat_eye is None:
+        return None
+    rim, distance = lens.cat_eye
+    width, height = size
+    tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
+    try:
+        return CatEye(rim, distance * tangent, lens.vignetting)
+    except ValueError as error:
+        most = 0.9 * rim / tangent
+        problem = f"hides the middle of the opening in the corners: {reason(error)}"
+        remedy = f"give a distance of {most:.2g} at most with this lens"
+        raise UsageProblem("--cat-eye", problem, remedy) from None
+
+
+def aperture_in_pixels(
+    lens: Lens, pixel_aspect: float, color: int | None = None
+) -> tuple[Aperture, float]:
     """The pupil of a lens before pixels that need not be square.
 
     A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
@@ -53,6 +83,7 @@ def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float
     Args:
         lens: the lens.
         pixel_aspect: width of a pixel by its height.
+        color: of the light, as `aperture_of` counts them.
 
     Returns:
         The pupil, and the longer half axis of its blur in px, in radii of the CoC.
@@ -60,7 +91,7 @@ def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float
     Raises:
         InputError: the picture of the pupil cannot be used.
     """
-    pupil = aperture_of(lens)
+    pupil = aperture_of(lens, color)
     if pixel_aspect == 1:
         return pupil, 1.0
     squeeze = lens.squeeze * pixel_aspect
@@ -85,18 +116,18 @@ def disparity_of(lens: Lens) -> float:
     return dual_pixel_of(lens).disparity(aperture_of(lens))
 
 
-def pupil_image(path: Path) -> PupilImage:
-    """The picture of a pupil, as light: what a file of colours is read as.
+def pupil_images(path: Path) -> tuple[PupilImage, ...]:
+    """The picture of a pupil, as light: the mean of its colours, then each if they differ.
 
     Raises:
-        InputError: the file cannot be read, is coloured, or no picture of a pupil.
+        InputError: the file cannot be read, or is no picture of a pupil.
     """
     status = path.stat() if path.is_file() else None
-    return _pupil_image(path, status and (status.st_size, status.st_mtime_ns))
+    return _pupil_images(path, status and (status.st_size, status.st_mtime_ns))
 
 
 @lru_cache(maxsize=16)
-def _pupil_image(path: Path, _stamp: object) -> PupilImage:
+def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
     import numpy as np
     import torch
 
@@ -115,10 +146,11 @@ def _pupil_image(path: Path, _stamp: object) -> PupilImage:
         shape = " × ".join(str(n) for n in light.shape)
         problem = f"is no picture of a pupil: it has {shape} numbers"
         raise InputError(path, problem, f"give one picture of {_MOST_SIDE} px a side at most")
-    if float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max()):
-        raise InputError(path, "is coloured, but the opening is grey", "save it as grey")
+    differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
     try:
-        return PupilImage(torch.from_numpy(light.mean(axis=0)))
+        mean = PupilImage(torch.from_numpy(light.mean(axis=0)))
+        colors = light if differ and len(light) == _COLORS else ()
+        return (mean, *(PupilImage(torch.from_numpy(each), like=mean) for each in colors))
     except ValueError as error:
         problem = f"is no picture of a pupil: {reason(error)}"
         raise InputError(path, problem, "give a picture that is bright where it is open") from None

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, header, ramp, refused, run
 
+from defocus_cli.depth.focusing import focused, radius_map, signed_radius
 from defocus_cli.depth_formats.depth import Depth
-from defocus_cli.jobs.job import Draw, Lens
 from defocus_cli.jobs.random_lenses import drawn_lens
-from defocus_cli.rendering.focusing import focused, radius_map, signed_radius
+from defocus_cli.lenses.lens import Draw, Lens
 from defocus_cli.system.arrays import IN_MEMORY
 from defocus_cli.system.errors import InputError, Rejected
 from defocus_core import ATTEMPTS

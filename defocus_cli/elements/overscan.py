@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def overscan_of(
-    picture: Picture, reading: Reading, parts: tuple[int | None, int | None]
+    picture: Picture, reading: Reading, parts: tuple[int | None, int | None] = (None, None)
 ) -> Overscan:
     """The pixels beyond the display window that colour and depth of a picture both have.
 
@@ -33,7 +33,7 @@ def overscan_of(
     from defocus_cli.depth_formats.exr_samples import choose_depth_channel
     from defocus_cli.exr.header import is_exr, read_headers
     from defocus_cli.exr.views import in_view
-    from defocus_cli.formats.exr_channels import choose_color
+    from defocus_cli.formats.exr_channels import NoDepthChannel, choose_color
     from defocus_cli.system.safe_files import read_head
 
     color_part, depth_part = parts
@@ -53,7 +53,10 @@ def overscan_of(
         )
     headers = in_view(picture.depth, read_headers(picture.depth), reading.view)
     deeper = replace(reading, part=depth_part)
-    depth = choose_depth_channel(picture.depth, headers, deeper).header
+    try:
+        depth = choose_depth_channel(picture.depth, headers, deeper).header
+    except NoDepthChannel:  # a plate needs none; of others who reads it says it
+        return overscan
     return overscan.within(depth.data.beyond(depth.display))
 
 

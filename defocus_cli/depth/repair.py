@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Lens, Reading
-from defocus_cli.rendering.focusing import radius_at_infinity
+from defocus_cli.depth.focusing import radius_at_infinity
+from defocus_cli.jobs.job import Reading
+from defocus_cli.lenses.lens import Lens
 from defocus_cli.system.arrays import Windows
 
 if TYPE_CHECKING:

@@ -10,10 +10,11 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
-from defocus_cli.jobs.job import Lens, Machine
+from defocus_cli.jobs.job import Machine
 from defocus_cli.jobs.lens_options import refuse_near_focus
-from defocus_cli.jobs.quantities import Percentile, length_text
 from defocus_cli.jobs.random_lenses import drawn_lens
+from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.quantities import Percentile, length_text
 from defocus_cli.system.arrays import Keeping, bands
 from defocus_cli.system.errors import InputError, Rejected, UsageProblem, reason
 
@@ -91,6 +92,20 @@ def lens_scale(lens: Lens, size: tuple[int, int]) -> float:
     thin_lens = _thin_lens(lens, size)
     near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
     return float(thin_lens.radius_at_infinity() - near) * MM_PER_M
+
+
+def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
+    """Px by which the signed radii of red and of blue differ from those of green.
+
+    Raises:
+        UsageProblem: there is no such lens.
+    """
+    from defocus_core import color_offset
+
+    assert lens.axial_color is not None
+    thin_lens = _thin_lens(lens, size)
+    red, blue = (float(color_offset(thin_lens, shift)) for shift in lens.axial_color)
+    return red, blue
 
 
 def radius_map(lens: Lens, depth: Depth, keeping: Keeping) -> tuple[Any, tuple[float, float]]:

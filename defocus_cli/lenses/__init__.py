@@ -1,0 +1,1 @@
+"""Lens files that ship, one look each, and their names."""

@@ -1,0 +1,69 @@
+"""Measures of a finished picture for the card of a dataset: its blur, its lights, its trust.
+
+They are of a grid of its pixels, so that they cost next to nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from defocus_cli.rendering.outcome import Outcome, Rendering
+
+_PIXELS = 1 << 16  # of the grid, about
+_WHITE = 0.9999  # of an integer picture, in linear light
+_FLOATS = (".exr", ".hdr")  # whose light has no end
+# Keys of the measures, in the order of the table of a card.
+MEASURES = ("coc_mean_px", "coc_p50_px", "coc_p99_px", "clipped_share", "invented_share")
+
+
+def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
+    """The measures of a picture.
+
+    Args:
+        rendering: its pixels.
+        outcome: what came of it.
+
+    Returns:
+        ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
+        pixels that hold something; ``clipped_share`` of the pixels that are white in a colour, not
+        of EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens
+        saw what the picture holds; None where nothing is known.
+    """
+    import numpy as np
+
+    radius = _grid(rendering.radius)
+    if rendering.nothing is not None:
+        radius = radius[~_grid(rendering.nothing)]
+    sizes = np.abs(radius.astype("float64"))
+    p50, p99 = np.percentile(sizes, (50, 99)) if sizes.size else (0.0, 0.0)
+    pixels = outcome.stats.get("pixels", 0)
+    invented = outcome.stats.get("pixels_invented")
+    return {
+        "coc_mean_px": float(sizes.mean()) if sizes.size else 0.0,
+        "coc_p50_px": float(p50),
+        "coc_p99_px": float(p99),
+        "clipped_share": _clipped(rendering),
+        "invented_share": None if invented is None or not pixels else invented / pixels,
+    }
+
+
+def _clipped(rendering: Rendering) -> float | None:
+    """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
+    import numpy as np
+
+    color = rendering.color
+    if color.path.suffix.lower() in _FLOATS:
+        return None
+    return float(np.mean(np.any([_grid(plane) >= _WHITE for plane in color.light], axis=0)))
+
+
+def _grid(plane: Any) -> Any:
+    """About `_PIXELS` values of an array [H, W], evenly spread."""
+    import numpy as np
+
+    height, width = plane.shape
+    step = max(1, math.isqrt(height * width // _PIXELS))
+    rows = [np.asarray(plane[row : row + 1])[:, ::step] for row in range(0, height, step)]
+    return np.concatenate(rows)

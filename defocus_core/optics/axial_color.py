@@ -1,0 +1,56 @@
+"""Axial colour: light of other wavelengths is in focus before or behind the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from torch import Tensor
+
+from defocus_core.optics.outline import Scalar
+from defocus_core.optics.thin_lens import ThinLens
+from defocus_core.runtime.validation import number
+
+
+def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
+    """The px by which the radii of a colour differ from those that the lens is focused for.
+
+    The image of a point lies at v' behind the lens, and its circle on a sensor at v is
+    A (v - v') / v' across, signed. A colour whose images lie farther behind by a shift has circles
+    that are smaller by A shift / v at any depth. Beyond focus its disc is smaller, so that the
+    others make its rim; nearer than focus it is larger, and makes the rim.
+
+    Args:
+        lens: The lens, with its focus.
+        shift: How much farther behind the lens the colour is in focus, in mm.
+
+    Returns:
+        The offset in px of signed radius; gradients flow to the shift and the lens.
+    """
+    distance: Scalar = -lens.foc_dist
+    image_distance = 1 / (1 / lens.foclen - 1 / distance)
+    return -lens.foclen / lens.fnum * shift / (2 * lens.pixel_size * image_distance)
+
+
+def apart(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[int], Scalar]]:
+    """The channels that are rendered together, and the px to add to their radii.
+
+    Args:
+        offsets: Px of each channel; None adds none.
+        channels: Number of channels.
+
+    Raises:
+        ValueError: If there is not a number for each channel.
+    """
+    if offsets is None:
+        return [(list(range(channels)), 0.0)]
+    if len(offsets) != channels:
+        raise ValueError(
+            f"color_offsets must be one number in px for each of {channels} channels, got "
+            f"{len(offsets)}; 0 leaves a channel as it is"
+        )
+    together: dict[float, tuple[list[int], Scalar]] = {}
+    for c, px in enumerate(offsets):
+        value = number("color_offsets", px, "in px of radius")
+        key = value if not isinstance(px, Tensor) else -1.0 - id(px)  # gradients stay apart
+        together.setdefault(key, ([], px))[0].append(c)
+    return list(together.values())

@@ -1,0 +1,132 @@
+"""Cat's eye: the pupil clipped by the rim of the barrel, the more the farther from the middle.
+
+Towards the border of the frame light passes the rim of the barrel aslant: seen through it, the
+pupil and the rim do not lie in one line. What is left of the pupil has the shape of a cat's eye.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.outline import Disc, Outline, Scalar
+from defocus_core.runtime.validation import number
+
+_LENGTHS = "lengths are in radii of the pupil"
+# The rim keeps this share of its radius about the middle of the pupil.
+_LEAST_OPEN = 0.1
+# Radius in px below which a clipped pupil is sampled in parts of a pixel, so many at most.
+_FINE_RADIUS, _MOST_FINE = 10.0, 16
+
+
+class Rim(NamedTuple):
+    """The rim of the barrel, as a point of the frame sees it before the pupil.
+
+    Attributes:
+        size: Its radius in radii of the pupil.
+        x: Lens coordinate u.x of its middle, a number or [...], one for each point.
+        y: Lens coordinate u.y of its middle.
+    """
+
+    size: Scalar
+    x: Scalar
+    y: Scalar
+
+    @property
+    def outline(self) -> Outline:
+        """The opening of the rim."""
+        return _OffsetDisc(*self)
+
+
+@dataclass(frozen=True)
+class _OffsetDisc(Outline):
+    """A disc of any size and place; what of it lies within the square of lens points counts."""
+
+    size: Scalar
+    x: Scalar
+    y: Scalar
+
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """That of the unit disc, at the same place of it."""
+        left, top = (
+            middle[..., None, None] if isinstance(middle, Tensor) else middle
+            for middle in (self.x, self.y)
+        )
+        across = ((x - left) / self.size).clamp(-1, 1)
+        down = ((y - top) / self.size).clamp(-1, 1)
+        return self.size * self.size * Disc().cumulative_area(across, down)
+
+
+@dataclass(frozen=True)
+class CatEye:
+    """A barrel that clips the pupil off the middle of the frame.
+
+    Attributes:
+        size: Radius of the rim in radii of the pupil; a small rim clips in the middle, too.
+        shift: How far the rim and the pupil are apart at the corners of the frame, in radii of the
+            pupil: the distance of the rim before the pupil, in these radii, times the tangent of
+            the field angle.
+        vignetting: Whether corners are darker by the share of light that they lose.
+
+    Size and shift may be tensors of one number, and gradients flow to them.
+
+    Raises:
+        ValueError: If nothing of the pupil's middle would be left at the corners.
+    """
+
+    size: Scalar = 1.0
+    shift: Scalar = 0.0
+    vignetting: bool = False
+
+    def __post_init__(self) -> None:
+        size, shift = number("size", self.size, _LENGTHS), number("shift", self.shift, _LENGTHS)
+        if not 0 < size < math.inf or not 0 <= shift <= (1 - _LEAST_OPEN) * size:
+            problem = f"shift must be 0 or more and at most 0.9 of size, got {shift:g} of {size:g}"
+            raise ValueError(f"{problem}; {_LENGTHS}")
+
+    @property
+    def learns(self) -> bool:
+        """Whether gradients flow to size or shift: then nothing of it may be cached."""
+        values = (self.size, self.shift)
+        return any(isinstance(value, Tensor) and value.requires_grad for value in values)
+
+    def rim(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rim:
+        """The rim that points of the frame see.
+
+        The pupil is clipped on the side of the point: at the right border, where u.x > 0.
+
+        Args:
+            x: Place in px from the left border of the frame, a number or [...].
+            y: Place in px from the upper border.
+            frame: (height, width) of the frame in px.
+        """
+        height, width = frame
+        corner = math.hypot(height, width) / 2
+        size, shift = (
+            value.to(x) if isinstance(value, Tensor) and isinstance(x, Tensor) else value
+            for value in (self.size, self.shift)
+        )
+        return Rim(size, shift * ((width / 2 - x) / corner), shift * ((height / 2 - y) / corner))
+
+
+def falloff(apart: Tensor, size: Scalar) -> Tensor:
+    """The share of a round pupil that a rim leaves open, for middles [...] radii apart.
+
+    The area of the lens between two circles, over that of the unit disc.
+    """
+    d = apart.clamp(min=1e-9)
+    r = torch.as_tensor(size, dtype=d.dtype, device=d.device)
+    first = ((d * d + 1 - r * r) / (2 * d)).clamp(-1, 1)
+    second = ((d * d + r * r - 1) / (2 * d * r)).clamp(-1, 1)
+    kite = ((1 + r - d) * (d + 1 - r) * (d - 1 + r) * (d + 1 + r)).clamp(min=0).sqrt()
+    lens = first.acos() + r * r * second.acos() - kite / 2
+    return (lens / math.pi).clamp(0, 1)
+
+
+def fineness(radius: float) -> int:
+    """Parts of a pixel, along an axis, in which a rim of a blur of some px clips evenly."""
+    return max(1, min(_MOST_FINE, math.ceil(_FINE_RADIUS / radius)))

@@ -1,0 +1,132 @@
+"""A finished batch is a dataset that stands by itself: inputs, splits, and a card."""
+
+from __future__ import annotations
+
+import json
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+from command_line import pair, read_exr, run
+
+JOBS = """
+[inputs]
+color = "*_rgb.exr"
+depth = "*_z.exr"
+[split]
+train = 0.5
+test = 0.5
+[lens]
+focal-length = "50mm"
+focus = "2m"
+[sweep]
+fnumber = [2, 4]
+[outputs]
+kinds = ["render", "coc"]
+format = "png"
+map-format = "tiff"
+inputs = "copy"
+[machine]
+quality = "draft"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in "abcd":
+        color, depth = pair(tmp_path / name)
+        color.rename(tmp_path / f"{name}_rgb.exr")
+        depth.rename(tmp_path / f"{name}_z.exr")
+    (tmp_path / "jobs.toml").write_text(JOBS)
+    return tmp_path
+
+
+def batch(folder: Path, *words: str) -> None:
+    ran = run("batch", folder / "jobs.toml", "-o", folder / "out", *words)
+    assert ran.code == 0, ran.err
+
+
+def entries(folder: Path) -> list[dict[str, Any]]:
+    lines = (folder / "out" / "metadata.jsonl").read_text().splitlines()
+    return [json.loads(line) for line in lines]
+
+
+def card(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "out" / "card.json").read_text()))
+
+
+def test_the_sharp_picture_and_its_depth_stand_beside_the_outputs(folder: Path) -> None:
+    batch(folder, "--shards-size", "1GB")
+    for entry in entries(folder):
+        names = {key for key in entry if key.endswith("file_name")}
+        assert names == {f"{kind}_file_name" for kind in ("render", "coc", "image", "depth")}
+        name = entry["sample_id"][0]
+        metres = read_exr(folder / f"{name}_z.exr")["Z"]
+        written = oiio.ImageBuf(str(folder / "out" / entry["depth_file_name"]))
+        assert str(written.spec().format) == "float"
+        assert np.array_equal(written.get_pixels()[..., 0], metres)
+    members = {
+        member
+        for path in (folder / "out" / "shards").glob("*.tar")
+        for member in tarfile.open(path).getnames()  # noqa: SIM115
+    }
+    assert sum(member.endswith(("image.png", "depth.tif")) for member in members) == 16
+
+
+def test_a_picture_is_in_one_split_with_all_its_lenses(folder: Path) -> None:
+    batch(folder, "--shards-size", "1GB")
+    splits: dict[str, set[str]] = {}
+    for entry in entries(folder):
+        splits.setdefault(entry["sample_id"][0], set()).add(entry["split"])
+    assert all(len(split) == 1 for split in splits.values())
+    shards = {path.name for path in (folder / "out" / "shards").glob("*.tar")}
+    every = {split for found in splits.values() for split in found}
+    assert shards == {f"{split}set-000000.tar" for split in every}
+
+
+def test_other_shares_render_nothing_again(folder: Path) -> None:
+    batch(folder)
+    before = (folder / "out" / "render").stat().st_mtime_ns
+    (folder / "jobs.toml").write_text(JOBS.replace("train = 0.5\ntest = 0.5", "all = 1.0"))
+    batch(folder)
+    assert {entry["split"] for entry in entries(folder)} == {"all"}
+    assert card(folder)["splits"] == {"all": 8}
+    assert (folder / "out" / "render").stat().st_mtime_ns == before
+
+
+def test_the_card_sums_the_samples_up(folder: Path) -> None:
+    batch(folder)
+    found = card(folder)
+    assert (found["samples"], found["kinds"]["depth"]) == (8, 8)
+    assert sum(found["splits"].values()) == 8
+    fnumbers = found["distributions"]["fnumber"]
+    assert (fnumbers["min"], fnumbers["max"], fnumbers["mean"]) == (2, 4, 3)
+    radii = [entry["coc_p99_px"] for entry in entries(folder)]
+    assert found["distributions"]["coc_p99_px"]["max"] == max(radii) > 0
+    text = (folder / "out" / "card.md").read_text()
+    head = text.split("---\n")[1]
+    assert "size_categories: [n<1K]" in head
+    assert all(
+        ": " in line or line.endswith(":") or line.startswith("- ") for line in head.splitlines()
+    )
+    assert "| f-number | 1 | 2 |" in text
+
+
+def test_the_card_counts_what_failed_by_its_reason(folder: Path) -> None:
+    (folder / "d_z.exr").write_bytes(b"nothing")
+    ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
+    assert ran.code == 1
+    assert sum(card(folder)["failures"].values()) == 2
+
+
+def test_a_split_of_a_tampered_journal_names_no_file_elsewhere(folder: Path) -> None:
+    batch(folder)
+    journal = folder / "out" / "journal.jsonl"
+    journal.write_text(journal.read_text().replace('"split": "t', '"split": "../t'))
+    ran = run("merge", folder / "out", "--shards-size", "1GB")
+    assert ran.code != 0
+    assert "which is no name" in ran.err
+    assert not list(folder.rglob("*set-*.tar"))

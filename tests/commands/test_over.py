@@ -1,0 +1,207 @@
+"""--over: an element and its plate are blurred as one scene."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import files_under, header, read_exr, refused, run
+from elements import SIZE, disc, element, write
+from image_files import box, save
+
+# Radii of 3 to 4 px at the depths below.
+LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
+FLOATS = ("--exr-type", "float")
+REACH = 6
+
+
+def smooth(seed: int) -> dict[str, Any]:
+    """R, G and B that change slowly."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(np.float32)
+    waves = (np.sin(x / rng.uniform(3, 8) + y / rng.uniform(3, 8)) for _ in range(3))
+    return {
+        name: (0.5 + 0.4 * wave).astype(np.float32) for name, wave in zip("RGB", waves, strict=True)
+    }
+
+
+def scene(folder: Path, near: float, far: float) -> tuple[Path, Path, Path, Any]:
+    """Files of an element, of its plate and of their union, and the alpha of the element."""
+    alpha, colors, plate = disc(), smooth(1), smooth(2)
+    own = element(alpha, depth=near) | {name: alpha * plane for name, plane in colors.items()}
+    plate["Z"] = np.full(SIZE, far, np.float32)
+    union = {name: own[name] + (1 - alpha) * plate[name] for name in "RGB"}
+    union["Z"] = np.where(alpha >= 0.5, np.float32(near), np.float32(far))
+    files = (("ball", own), ("plate", plate), ("union", union))
+    ball, below, whole = (write(folder / name / "a.exr", planes) for name, planes in files)
+    return ball, below, whole, alpha
+
+
+def picture(out: Path, *args: str | Path, focus: str = "1m") -> dict[str, Any]:
+    ran = run("render", *args, "-o", out, *LENS, focus, *FLOATS)
+    assert ran.code == 0, ran.err
+    return read_exr(out / "render" / "a.exr")
+
+
+def psnr(seen: dict[str, Any], expected: dict[str, Any], where: Any) -> float:
+    error = np.mean([np.square(seen[n] - expected[n], dtype=float)[where].mean() for n in "RGB"])
+    return math.inf if error == 0 else float(-10 * np.log10(error))
+
+
+@pytest.mark.parametrize(
+    ("near", "far", "focus"), [(0.8, 1.5, "1.5m"), (1.0, 1.5, "1m"), (0.8, 1.4, "1m")]
+)
+def test_it_is_the_scene_rendered_whole_where_nothing_is_hidden(
+    near: float, far: float, focus: str, tmp_path: Path
+) -> None:
+    ball, below, whole, _ = scene(tmp_path, near, far)
+    over = picture(tmp_path / "o", ball, "--over", below, focus=focus)
+    expected = picture(tmp_path / "w", whole, focus=focus)
+    apart = np.abs(np.hypot(*(np.mgrid[: SIZE[0], : SIZE[1]] - [[[19.5]], [[29.5]]])) - 11) > 9
+    assert 0.1 < apart.mean() < 0.9
+    assert psnr(over, expected, apart) > 50
+    assert psnr(over, expected, slice(None)) > 30, "and near the edges it is alike"
+    np.testing.assert_allclose(over["A"], 1, atol=1e-5)
+
+
+def test_white_over_white_is_white(tmp_path: Path) -> None:
+    ball = write(tmp_path / "a.exr", element(disc(), (1, 1, 1), depth=0.8))
+    ones = {name: np.ones(SIZE, np.float32) for name in "RGB"}
+    below = write(tmp_path / "plate.exr", ones | {"Z": np.full(SIZE, 1.6, np.float32)})
+    for focus in ("0.8m", "1m", "1.6m"):
+        seen = picture(tmp_path / focus, ball, "--over", below, focus=focus)
+        for name in "RGBA":
+            np.testing.assert_allclose(seen[name], 1, atol=1e-5)
+
+
+def test_in_focus_it_is_the_one_over_the_other(tmp_path: Path) -> None:
+    ball, below, _, alpha = scene(tmp_path, 1.0, 1.0)
+    seen, own, plate = (
+        picture(tmp_path / "o", ball, "--over", below),
+        read_exr(ball),
+        read_exr(below),
+    )
+    for name in "RGB":
+        np.testing.assert_allclose(seen[name], own[name] + (1 - alpha) * plate[name], atol=1e-6)
+
+
+def test_a_plate_nearer_than_the_element_hides_it(tmp_path: Path) -> None:
+    ball, below, _, _ = scene(tmp_path, 3.0, 1.0)
+    seen, plate = picture(tmp_path / "o", ball, "--over", below), read_exr(below)
+    for name in "RGB":
+        np.testing.assert_allclose(seen[name], plate[name], atol=1e-4)
+
+
+def test_coc_is_that_of_what_is_seen(tmp_path: Path) -> None:
+    ball, below, _, alpha = scene(tmp_path, 0.8, 1.6)
+    ran = run(
+        "render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below, "--outputs", "coc"
+    )
+    assert ran.code == 0, ran.err
+    coc = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
+    assert (coc[alpha > 0] < -1).all()
+    assert (coc[alpha == 0] > 1).all()
+
+
+def test_the_depth_of_a_plate_may_be_another_file(tmp_path: Path) -> None:
+    ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
+    planes = read_exr(below)
+    depth = write(tmp_path / "z.exr", {"Z": planes.pop("Z")})
+    colors = write(tmp_path / "rgb.exr", planes)
+    expected = picture(tmp_path / "o", ball, "--over", below)
+    after = picture(tmp_path / "p", ball, "--over", colors, depth)
+    named = picture(tmp_path / "q", ball, "--over", colors, "--over-depth", depth)
+    for name in "RGBA":
+        np.testing.assert_array_equal(after[name], expected[name])
+        np.testing.assert_array_equal(named[name], expected[name])
+    told = header(tmp_path / "p" / "render" / "a.exr")
+    assert told["defocus:over"] == "rgb.exr z.exr"
+
+
+def test_a_plate_without_depth_is_infinitely_far_and_said_to_be(tmp_path: Path) -> None:
+    ball, below, _, _ = scene(tmp_path, 0.8, np.inf)
+    planes = read_exr(below)
+    del planes["Z"]
+    colors = write(tmp_path / "rgb.exr", planes)
+    expected = picture(tmp_path / "o", ball, "--over", below)
+    ran = run("render", ball, "-o", tmp_path / "p", *LENS, "1m", *FLOATS, "--over", colors)
+    assert "rgb.exr: the plate has no depth and is taken as infinitely far" in ran.err
+    seen = read_exr(tmp_path / "p" / "render" / "a.exr")
+    for name in "RGBA":
+        np.testing.assert_array_equal(seen[name], expected[name])
+    png = save(tmp_path / "plate.png", np.full((*SIZE, 3), 128, np.uint8))
+    assert picture(tmp_path / "q", ball, "--over", png)["A"].min() > 1 - 1e-5
+
+
+def test_overscan_of_both_takes_part(tmp_path: Path) -> None:
+    ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
+    shown = box(0, 0, SIZE[1] - 13, SIZE[0] - 9)
+    data = box(-6, -4, SIZE[1] - 7, SIZE[0] - 5)
+    windows = {"dataWindow": data, "displayWindow": shown}
+    cut = [
+        write(tmp_path / f"{n}.exr", read_exr(f), **windows) for n, f in (("a", ball), ("p", below))
+    ]
+    lens = ("--sensor-width", "24mm")
+    seen = picture(tmp_path / "o", cut[0], "--over", cut[1], *lens)
+    whole = picture(tmp_path / "w", ball, "--over", below, "--sensor-width", "30mm")
+    for name in "RGBA":
+        np.testing.assert_allclose(seen[name], whole[name][4:-4, 6:-6], atol=1e-4)
+
+
+def test_folders_pair_up_and_jobs_files_have_plates_too(tmp_path: Path) -> None:
+    ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
+    expected = picture(tmp_path / "o", ball, "--over", below)
+    folders = picture(tmp_path / "p", ball.parent, "--over", below.parent)
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(
+        '[inputs]\ncolor = "ball/*.exr"\nover-color = "plate/*.exr"\n'
+        '[lens]\nfocal-length = "120mm"\n'
+        'fnumber = 1.2\nfocus = "1m"\n[outputs]\nexr-type = "float"\n'
+    )
+    ran = run("batch", jobs, "-o", tmp_path / "q")
+    assert ran.code == 0, ran.err
+    assert files_under(tmp_path / "q") >= {"render/a.exr"}
+    for seen in (folders, read_exr(tmp_path / "q" / "render" / "a.exr")):
+        for name in "RGBA":
+            np.testing.assert_array_equal(seen[name], expected[name])
+
+
+def test_the_plate_stands_in_the_dry_run_and_in_the_journal(tmp_path: Path) -> None:
+    ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
+    arguments = ("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below)
+    assert run(*arguments, "--dry-run").code == 0
+    assert run(*arguments).code == 0
+    write(below, read_exr(below) | {"R": np.zeros(SIZE, np.float32)})
+    again = run(*arguments, "--json")
+    assert again.code == 0, again.err
+    assert read_exr(tmp_path / "o" / "render" / "a.exr")["R"][0, 0] == 0, "rendered again"
+
+
+@pytest.mark.parametrize("change", ["size", "channels", "opaque", "hidden", "radii"])
+def test_what_makes_no_scene_is_refused(change: str, tmp_path: Path) -> None:
+    ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
+    code, words, more = 3, "", ()
+    if change == "size":
+        planes = {name: plane[:-2] for name, plane in read_exr(below).items()}
+        below, words = write(tmp_path / "b.exr", planes), "is 60x38 px but the element is 60x40"
+    elif change == "channels":
+        planes = read_exr(below)
+        grey = {"Y": planes["R"], "Z": planes["Z"]}
+        below, words = write(tmp_path / "b.exr", grey), "give a plate of the same channels"
+    elif change == "opaque":
+        ball, words = below, "has no alpha, and hides the plate everywhere"
+    elif change == "hidden":
+        code, words, more = 2, "stands beside --over", ("--hidden", below, below)
+    else:
+        code, words = 2, "stands without --over"
+        refused(
+            run("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over-depth", below),
+            code,
+            words,
+        )
+        return
+    ran = run("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below, *more)
+    refused(ran, code, words)

@@ -1,0 +1,77 @@
+"""Axial colour: each channel has the radius of its own focus, and white stays white."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import DefocusLens, color_offset, render
+
+SHIFT = 0.1  # mm
+
+
+def lens(foc_dist: float = 2000.0) -> DefocusLens:
+    made = DefocusLens(50.0, 1.4, (36.0, 24.0), (480, 320))
+    made.refocus(foc_dist)
+    return made
+
+
+@pytest.mark.parametrize("foc_dist", [2000.0, math.inf])
+def test_the_offset_is_that_of_a_sensor_moved_by_the_shift(foc_dist: float) -> None:
+    made = lens(foc_dist)
+    v = 50.0 if math.isinf(foc_dist) else 50 * foc_dist / (foc_dist - 50)
+    for z in (900.0, 3000.0, 1e5):
+        image = 1 / (1 / 50 - 1 / z)
+        circle = (50 / 1.4) * (v - image - SHIFT) / image  # of a colour whose image is farther
+        green = float(made.signed_radius(z))
+        moved = circle / (2 * made.pixel_size)
+        assert green + float(color_offset(made, SHIFT)) == pytest.approx(moved, rel=0.02, abs=0.05)
+
+
+def test_rims_are_green_beyond_focus_and_magenta_nearer() -> None:
+    for r in (10.0, -10.0):
+        image = torch.zeros(3, 64, 64)
+        image[:, 32, 32] = 100.0
+        shown = render(image, torch.full((64, 64), r), color_offsets=(-2.0, 0.0, -2.0)).render
+        rim = shown[:, 32, 32 + 10] if r > 0 else shown[:, 32, 32 + 11]
+        if r > 0:
+            assert rim[1] > 2 * rim[0] + 0.01
+        else:
+            assert rim[0] > 2 * rim[1] + 0.01
+        torch.testing.assert_close(shown.sum((1, 2)), torch.full((3,), 100.0), rtol=1e-4, atol=0)
+
+
+def test_each_channel_is_rendered_with_its_radius_and_white_stays_white() -> None:
+    generator = torch.Generator().manual_seed(1)
+    image = torch.rand(3, 40, 48, generator=generator)
+    radius = torch.full((40, 48), 5.0)
+    radius[10:30, 12:30] = -3.0
+    offsets = (0.8, 0.0, -0.6)
+    views = render(image, radius, color_offsets=offsets, left_right=True)
+    for c, px in enumerate(offsets):
+        alone = render(image[c : c + 1], radius + px, left_right=True)
+        for whole, channel in zip(views.images, alone.images, strict=True):
+            assert torch.equal(whole[c : c + 1], channel)
+    white = render(torch.ones_like(image), radius, color_offsets=offsets).render
+    assert (white - 1).abs().max() < 1e-5
+    assert (views.left + views.right - 2 * views.render).abs().max() < 1e-6
+
+
+def test_gradients_flow_to_the_shift() -> None:
+    generator = torch.Generator().manual_seed(1)
+    image = torch.rand(2, 16, 18, dtype=torch.float64, generator=generator)
+    radius = torch.linspace(-2.3, 3.1, 16, dtype=torch.float64)[:, None].repeat(1, 18)
+
+    def shown(px: Tensor) -> Tensor:
+        return render(image, radius, color_offsets=(px, 0.0), depth_repair="off").render
+
+    value = torch.tensor(0.37, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(shown, [value], fast_mode=True)
+
+
+def test_offsets_for_other_channels_are_refused() -> None:
+    with pytest.raises(ValueError, match="one number in px for each of 3 channels"):
+        render(torch.ones(3, 4, 4), torch.ones(4, 4), color_offsets=(1.0,))

@@ -1,0 +1,128 @@
+"""Cat's eyes: clipped by the rim, symmetric, and white stays white."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import Aperture, CatEye, render
+
+SIZE = (96, 160)  # H, W
+CAT = CatEye(1.05, 0.7)
+
+
+def light(x: int, y: int, r: float, **options: object) -> Tensor:
+    image = torch.zeros(1, *SIZE)
+    image[0, y, x] = 1e3
+    return render(image, torch.full(SIZE, r), **options).render[0] / 1e3
+
+
+def counted(x: int, y: int, r: float) -> Tensor:
+    """The light of lens points that the rim lets through, counted over the whole picture."""
+    fine = 12
+    down, across = (
+        ((torch.arange(n * fine, dtype=torch.float64) + 0.5) / fine - at - 0.5) / r
+        for n, at in zip(SIZE, (y, x), strict=True)
+    )
+    height, width = SIZE
+    corner = math.hypot(height, width) / 2
+    left, top = (0.7 * (n / 2 - at - 0.5) / corner for n, at in ((width, x), (height, y)))
+    inside = across**2 + down[:, None] ** 2 <= 1
+    inside &= (across - left) ** 2 + (down[:, None] - top) ** 2 <= 1.05**2
+    counts = inside.double().reshape(height, fine, width, fine).mean((1, 3))
+    return counts / counts.sum()
+
+
+@pytest.mark.parametrize(("x", "y", "r"), [(80, 48, 20.0), (122, 34, 14.0), (40, 60, -16.0)])
+def test_a_light_is_the_pupil_that_the_rim_leaves_open(x: int, y: int, r: float) -> None:
+    shown, expected = light(x, y, r, cat_eye=CAT), counted(x, y, r)
+    error = float(((shown - expected) ** 2).mean())
+    assert float(shown.sum()) == pytest.approx(1, abs=1e-4)
+    assert 10 * math.log10(float(expected.max()) ** 2 / error) > 45
+
+
+def scene() -> tuple[Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(2)
+    radius = torch.linspace(-8, 12, SIZE[0])[:, None].repeat(1, SIZE[1])
+    radius[30:60, 50:100] = -6.0
+    return torch.rand(2, *SIZE, generator=generator), radius
+
+
+def test_the_cat_s_eye_is_mirror_symmetric() -> None:
+    image, radius = scene()
+    plain = render(image, radius, cat_eye=CAT, left_right=True)
+    flipped = render(image.flip(-1), radius.flip(-1), cat_eye=CAT, left_right=True)
+    assert (plain.render - flipped.render.flip(-1)).abs().max() < 2e-5
+    assert (plain.left - flipped.right.flip(-1)).abs().max() < 5e-5
+    upright = render(image.flip(-2), radius.flip(-2), cat_eye=CAT)
+    assert (plain.render - upright.render.flip(-2)).abs().max() < 2e-5
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+def test_white_stays_white_and_the_pair_makes_the_centre(quality: str) -> None:
+    image, radius = scene()
+    white = render(torch.ones_like(image), radius, cat_eye=CAT, left_right=True, quality=quality)
+    assert all((view - 1).abs().max() < 1e-5 for view in white.images)
+    views = render(image, radius, cat_eye=CAT, left_right=True, quality=quality)
+    assert ((views.left + views.right) / 2 - views.render).abs().max() < 1e-6
+    assert torch.equal(views.render, render(image, radius, cat_eye=CAT, quality=quality).render)
+
+
+def test_a_wide_rim_without_distance_clips_nothing() -> None:
+    image, radius = scene()
+    plain = render(image, radius).render
+    assert (render(image, radius, cat_eye=CatEye(3.0, 0.0)).render - plain).abs().max() < 1e-3
+
+
+def test_neighbouring_regions_have_no_seam() -> None:
+    wide = torch.linspace(0, 1, 1100)[None, None, :].expand(1, 64, -1).contiguous()
+    bar = (wide * 40 % 1 > 0.5).float() * 0.5 + 0.25
+    shown = render(bar, torch.full((64, 1100), 9.0), cat_eye=CAT).render[0, 32]
+    smooth = shown[100:-100].diff().diff().abs()
+    reference = render(bar, torch.full((64, 1100), 9.0)).render[0, 32, 100:-100].diff().diff().abs()
+    assert smooth.max() < 2.5 * reference.max()
+
+
+def test_vignetting_darkens_by_the_light_that_the_rim_takes() -> None:
+    image, radius = scene()
+    white = torch.ones_like(image)
+    shown = render(white, radius, cat_eye=CatEye(1.0, 0.8, vignetting=True)).render[0]
+    assert float(shown[48, 80]) == pytest.approx(1, abs=0.01)
+    d = 0.8 * math.hypot(47.5, 79.5) / math.hypot(48, 80)
+    lens = 2 * math.acos(d / 2) - d / 2 * math.sqrt(4 - d * d)
+    assert float(shown[0, 0]) == pytest.approx(lens / math.pi, rel=1e-3)
+
+
+def test_gradients_flow_to_the_rim() -> None:
+    image, radius = (x[..., :16, :18].double() for x in scene())
+    image[0, 4, 5] = 30.0
+
+    def shown(size: Tensor, shift: Tensor) -> Tensor:
+        cat_eye = CatEye(size, shift, vignetting=True)
+        return render(image, radius, cat_eye=cat_eye, depth_repair="off").render
+
+    values = [torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in (1.02, 0.63)]
+    assert torch.autograd.gradcheck(shown, values, fast_mode=True)
+
+
+def test_a_rim_that_hides_the_middle_is_refused() -> None:
+    for size, shift in ((1.0, 0.95), (0.0, 0.0), (1.0, -0.1)):
+        with pytest.raises(ValueError, match="shift must be"):
+            CatEye(size, shift)
+    with pytest.raises(ValueError, match="cat_eye must be a CatEye"):
+        render(torch.ones(1, 4, 4), torch.ones(4, 4), cat_eye=1.0)
+
+
+def test_other_pupils_are_clipped_too() -> None:
+    for pupil in (
+        Aperture(6, 10.0, curvature=0.5),
+        Aperture(squeeze=2.0),
+        Aperture(obstruction=0.4),
+    ):
+        shown = light(112, 34, 14.0, cat_eye=CAT, aperture=pupil)
+        plain = light(112, 34, 14.0, aperture=pupil)
+        assert float(shown.sum()) == pytest.approx(1, abs=1e-4)
+        assert (shown > 0).sum() < 0.95 * (plain > 0).sum()
