@@ -139,3 +139,12 @@ def test_the_report_has_the_recipes(folder: Path) -> None:
     one, two = batch(folder, "one"), batch(folder, "two", 2.8)
     run("compare", one, two, "--html", folder / "r.html")
     assert "lens.fnum 2.8 instead of 2.0" in (folder / "r.html").read_text()
+
+
+def test_the_number_of_threads_changes_nothing(folder: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--exr-type", "float")
+    files = (folder / "rgb" / "a.exr", folder / "z" / "a.exr")
+    for threads in "12":
+        assert run("render", *files, *lens, "-o", folder / threads, "--threads", threads).code == 0
+    ran = run("compare", folder / "1", folder / "2")
+    assert (ran.code, ran.out.splitlines()[-1]) == (0, "1 pair: 1 same")
