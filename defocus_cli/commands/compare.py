@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 
 from defocus_cli.compare.metrics import METRICS
 from defocus_cli.compare.pairing import find_pairs
-from defocus_cli.compare.record import Settings
-from defocus_cli.compare.run import Task, compare_all
-from defocus_cli.compare.selection import Region
-from defocus_cli.compare.thresholds import Rule, read_thresholds
+from defocus_cli.compare.run import compare_all
+from defocus_cli.dataset.batch_pairs import are_batches, pair_batches
 from defocus_cli.html import comparisons
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand
@@ -25,7 +24,8 @@ _METRICS = "\n".join(f"  {m.name:<15} {m.help}" for m in METRICS.values())
 _HELP = f"""Say whether B is the same as A, and if not, what happened to it.
 
 A is the reference. A and B are two files, or two directories whose files pair up by their relative
-path; a file that one of them lacks is a difference.
+path; a file that one of them lacks is a difference. Of two finished batches, pictures pair up by
+sample and kind, and what differs in their recipes (settings, lens, versions, inputs) is said first.
 
 All values must be equal over the display window, or pass the rules of --fail. NaN or infinity on
 one side only, another size and a missing channel are never the same. Number type, compression,
@@ -45,6 +45,7 @@ Examples:
   defocus compare golden.exr render.exr
   defocus compare golden/ out/ --fail 'psnr<45' --warn 'max>0.02' --junit compare.xml
   defocus compare golden/ out/ --html compare.html
+  defocus compare batch1/ batch2/ --fail 'psnr<45'
   defocus compare golden/ out/ --thresholds compare.toml --diff differences
   defocus compare golden/render out/render --coc out/coc --fail 'elsewhere-psnr<50'
 """
@@ -58,56 +59,47 @@ Examples:
 )
 @click.argument("a", type=FilePath())
 @click.argument("b", type=FilePath())
-@comparing.rule_options
-@comparing.selection_options
-@comparing.report_options
+@comparing.comparison_options()
+@shared.machine_option(
+    "--processes",
+    type=click.IntRange(min=1),
+    default=shared.cores,
+    metavar="N",
+    help="Processes to compare directories with.  [default: one for each core]",
+)
 @shared.json_option
 @shared.verbose_option
 def command(
-    a: Path,
-    b: Path,
-    fail: tuple[Rule, ...],
-    warn: tuple[Rule, ...],
-    over: float | None,
-    thresholds: Path | None,
-    metadata: bool,
-    region: Region | None,
-    mask: Path | None,
-    coc: Path | None,
-    flip: bool,
-    diff: Path | None,
-    junit: Path | None,
-    html: Path | None,
-    processes: int,
-    as_json: bool,
-    verbose: bool,
+    a: Path, b: Path, asked: comparing.Asked, processes: int, as_json: bool, verbose: bool
 ) -> int:
     """Compare, as the help says."""
     start = time.perf_counter()
-    rules = read_thresholds(thresholds, fail, warn, over)
-    pairs = find_pairs(a, b)
-    for pattern in rules.idle([pair.name for pair in pairs]):
-        console.say(f"{thresholds}: no picture matches files = '{pattern}'")
-    settings = Settings(region, mask, coc, flip, metadata)
-    task = Task(rules, settings, diff)
+    batches = pair_batches(a, b) if are_batches(a, b) else None
+    pairs = find_pairs(a, b) if batches is None else batches.pairs
+    recipes = [] if batches is None else list(batches.lines())
+    for recipe in () if as_json else recipes:
+        console.tell(recipe)
+    for pattern in asked.rules.idle([pair.name for pair in pairs]):
+        console.say(f"{asked.file}: no picture matches files = '{pattern}'")
     records, lone = [], not a.is_dir()
     with bar("pair", len(pairs)) as watched:
-        for record in compare_all(pairs, task, processes):
+        for record in compare_all(pairs, asked.task, processes):
             records.append(record)
             watched.update()
             worth = compare_report.is_worth_a_line(record, verbose=verbose, lone=lone)
             if worth and not as_json:
                 console.tell(compare_report.line(record))
-    if junit is not None:
-        write_junit(junit, records, time.perf_counter() - start)
-    if html is not None:
-        words = [f"A: {a}", f"B: {b}", *comparisons.setting_lines(settings)]
-        commands = comparisons.compare_commands(rules.of, settings)
+    if asked.junit is not None:
+        write_junit(asked.junit, records, time.perf_counter() - start)
+    if asked.html is not None:
+        words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
+        commands = comparisons.compare_commands(asked.rules.of, asked.settings)
         title = f"{b} compared with {a}"
         occasion = comparisons.Occasion(title, words, commands)
-        comparisons.write(html, occasion, records, settings, processes)
+        comparisons.write(asked.html, occasion, records, asked.settings, processes)
     if as_json:
-        console.print_json(**compare_report.document(records))
+        more = {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
+        console.print_json(**compare_report.document(records), **more)
     elif not lone:
         console.tell(compare_report.summary(records))
     return compare_report.exit_code(records)

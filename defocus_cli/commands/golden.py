@@ -11,10 +11,9 @@ import click
 
 from defocus_cli.batch.plan import Execution
 from defocus_cli.compare.pairing import Pair
-from defocus_cli.compare.record import Comparison, Settings
+from defocus_cli.compare.record import Comparison
 from defocus_cli.compare.run import Task, compare_all
-from defocus_cli.compare.selection import Region
-from defocus_cli.compare.thresholds import Rule, Rules, Thresholds, read_thresholds, rule
+from defocus_cli.compare.thresholds import Rules, Thresholds, rule
 from defocus_cli.diagnosis.picture import read_picture
 from defocus_cli.golden.faults import plant_all
 from defocus_cli.golden.fresh import Rendered, rendered
@@ -69,18 +68,14 @@ _only = click.option(
 @click.argument("folder", type=FilePath(), metavar="DIR")
 @click.option("--accept", "accepted", is_flag=True, help="Make what changed the new goldens.")
 @_only
-@comparing.rule_options
+@comparing.comparison_options(_DEFAULT_RULES, whole=False)
 @crew_options
 def update(
     jobs_file: Path,
     folder: Path,
     accepted: bool,
     only: tuple[str, ...],
-    fail: tuple[Rule, ...],
-    warn: tuple[Rule, ...],
-    over: float | None,
-    thresholds: Path | None,
-    metadata: bool,
+    asked: comparing.Asked,
     crew: Crew,
 ) -> int:
     """Render JOBS.toml, say what is not like the goldens in DIR, and accept it with --accept.
@@ -94,13 +89,12 @@ def update(
       defocus golden update jobs.toml goldens --accept
       defocus golden update jobs.toml goldens --only render/spheres.exr --accept
     """  # noqa: D301  click reads the backspace
-    rules = _thresholds(thresholds, fail, warn, over)
     store = read_store(folder, new=True)
     with _rendered(jobs_file, crew, only) as fresh:
         store = _narrowed(store, fresh, only)
         for line in store.changed_settings(fresh.jobs):
             console.tell(line)
-        records = _compare(store, fresh, Task(rules, Settings(metadata=metadata)), crew.count)
+        records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
         for record in changed:
             console.tell(f"{change_words(record)}: {compare_report.line(record)}")
@@ -127,11 +121,7 @@ def update(
     help="Render nothing; plant faults into the goldens, and fail if a rule lets one pass.",
 )
 @_only
-@comparing.rule_options
-@comparing.selection_options
-@click.option("--diff", type=FilePath(), metavar="DIR", help="Write difference images here.")
-@click.option("--junit", type=FilePath(), metavar="FILE", help="Write JUnit XML.")
-@comparing.html_option("Write a report to look at in a browser, with the pictures in it.")
+@comparing.comparison_options(_DEFAULT_RULES)
 @shared.json_option
 @crew_options
 def check(
@@ -139,18 +129,7 @@ def check(
     folder: Path,
     must_fail: bool,
     only: tuple[str, ...],
-    fail: tuple[Rule, ...],
-    warn: tuple[Rule, ...],
-    over: float | None,
-    thresholds: Path | None,
-    metadata: bool,
-    region: Region | None,
-    mask: Path | None,
-    coc: Path | None,
-    flip: bool,
-    diff: Path | None,
-    junit: Path | None,
-    html: Path | None,
+    asked: comparing.Asked,
     as_json: bool,
     crew: Crew,
 ) -> int:
@@ -166,14 +145,11 @@ def check(
       defocus golden check jobs.toml goldens --html goldens.html
       defocus golden check jobs.toml goldens --thresholds compare.toml --must-fail
     """  # noqa: D301  click reads the backspace
-    rules = _thresholds(thresholds, fail, warn, over)
-    settings = Settings(region, mask, coc, flip, metadata)
     if must_fail:
-        refused = (("--diff", diff), ("--junit", junit), ("--html", html), ("--only", only))
-        for option, value in refused:
+        for option, value in {**asked.reports, "--only": only}.items():
             if value:
                 raise UsageProblem(option, "means nothing with --must-fail", "leave it out")
-        return _plant(folder, rules, settings, as_json=as_json)
+        return _plant(folder, asked, as_json=as_json)
     start = time.perf_counter()
     store = read_store(folder)
     with _rendered(jobs_file, crew, only) as fresh:
@@ -181,12 +157,13 @@ def check(
         if not as_json:
             for line in store.changed_settings(fresh.jobs):
                 console.tell(line)
-        records = _compare(store, fresh, Task(rules, settings, diff), crew.count)
-        if html is not None:
-            occasion = _occasion(jobs_file, folder, rules, store.changed_settings(fresh.jobs))
-            comparisons.write(html, occasion, records, settings, crew.count)
-    if junit is not None:
-        write_junit(junit, records, time.perf_counter() - start)
+        records = _compare(store, fresh, asked.task, crew.count)
+        if asked.html is not None:
+            changed = store.changed_settings(fresh.jobs)
+            occasion = _occasion(jobs_file, folder, asked.rules, changed)
+            comparisons.write(asked.html, occasion, records, asked.settings, crew.count)
+    if asked.junit is not None:
+        write_junit(asked.junit, records, time.perf_counter() - start)
     if as_json:
         document = compare_report.document(records)
         console.print_json(settings_changed=store.changed_settings(fresh.jobs), **document)
@@ -197,12 +174,6 @@ def check(
         console.tell(compare_report.summary(records))
     batch_report.end(fresh.summary)
     return compare_report.exit_code(records)
-
-
-def _thresholds(
-    file: Path | None, fail: Sequence[Rule], warn: Sequence[Rule], over: float | None
-) -> Thresholds:
-    return read_thresholds(file, fail, warn, over, _DEFAULT_RULES)
 
 
 def _occasion(
@@ -236,13 +207,13 @@ def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[
     return list(compare_all(pairs, task, processes))
 
 
-def _plant(folder: Path, rules: Thresholds, settings: Settings, *, as_json: bool) -> int:
+def _plant(folder: Path, asked: comparing.Asked, *, as_json: bool) -> int:
     """Plant faults into all goldens of a folder."""
     store = read_store(folder)
     planted = {}
     for name in sorted(store.files):
         picture = read_picture(folder / name)
-        planted[name] = plant_all(picture, name, rules.of(name), settings)
+        planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
         if not as_json:
             for line in golden_report.planted_lines(name, planted[name]):
                 console.tell(line)

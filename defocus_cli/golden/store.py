@@ -48,11 +48,8 @@ class Store:
             stored = self.samples.get(job.sample_id)
             if stored is None:
                 continue
-            old, new = _flat(stored.get("settings", {})), _flat(identity.settings(job))
-            for key in sorted({*old, *new}):
-                if old.get(key) != new.get(key):
-                    was, now = old.get(key, "the default"), new.get(key, "the default")
-                    lines.append(f"{job.sample_id}: {key} {now} instead of {was}")
+            changes = identity.changed_settings(stored.get("settings", {}), identity.settings(job))
+            lines += [f"{job.sample_id}: {key} {now} instead of {was}" for key, was, now in changes]
         return lines
 
     @property
@@ -144,14 +141,3 @@ def _made_by() -> dict[str, Any]:
         "torch": torch.__version__,
     }
     return {**identity.versions(), "machine": machine}
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Nested settings by dotted names."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{before}{key}.")
-        else:
-            flat[f"{before}{key}"] = value
-    return flat

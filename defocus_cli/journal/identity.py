@@ -16,7 +16,7 @@ import errno
 import json
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, lru_cache
 from hashlib import blake2b
 from importlib.util import find_spec
@@ -69,6 +69,27 @@ def shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
         "focus": taken(shot.focus),
         **({} if shot.motion is None else {"motion": shot.motion}),
     }
+
+
+def changed_settings(
+    old: Mapping[str, Any], new: Mapping[str, Any]
+) -> Iterator[tuple[str, object, object]]:
+    """The settings that differ, by names like lens.fnum: what each was, and what it is."""
+    was, now = _flat(old), _flat(new)
+    for key in sorted({*was, *now}):
+        if was.get(key) != now.get(key):
+            yield key, was.get(key, "the default"), now.get(key, "the default")
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Nested settings by dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{before}{key}.")
+        else:
+            flat[f"{before}{key}"] = value
+    return flat
 
 
 def recipe(job: Job) -> str:

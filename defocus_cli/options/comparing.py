@@ -1,23 +1,98 @@
-"""Options of comparisons: rules, what is compared, and reports."""
+"""Options of comparisons: rules, what is compared, and reports.
+
+``@comparison_options()`` adds ``--fail``, … and hands the command ``asked: Asked``.
+"""
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
 
+from defocus_cli.compare.record import Settings
+from defocus_cli.compare.run import Task
 from defocus_cli.compare.selection import region
-from defocus_cli.compare.thresholds import OVER, difference, rule
-from defocus_cli.options.shared import cores, machine_option
+from defocus_cli.compare.thresholds import (
+    OVER,
+    Rule,
+    Rules,
+    Thresholds,
+    difference,
+    read_thresholds,
+    rule,
+)
 from defocus_cli.options.types import (
-    Command,
     Decorator,
     FilePath,
     Quantity,
+    bundle,
     grouped_option,
     option_name,
 )
+
+_NO_RULES = Rules()
+_DIFF = "Write differences here: signed in NAME.diff.exr, amplified in NAME.diff.png."
+_HTML = "Write a report to look at in a browser: one file, with the pictures in it."
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A comparison as it is asked for.
+
+    Attributes:
+        rules: the thresholds, of options over those of the file.
+        file: the file of thresholds.
+        settings: what is compared.
+        diff: directory for difference images.
+        junit: file for JUnit XML.
+        html: file for the report that people look at.
+    """
+
+    rules: Thresholds
+    file: Path | None
+    settings: Settings
+    diff: Path | None = None
+    junit: Path | None = None
+    html: Path | None = None
+
+    @property
+    def task(self) -> Task:
+        """What is to be done with each pair."""
+        return Task(self.rules, self.settings, self.diff)
+
+    @property
+    def reports(self) -> dict[str, Path | None]:
+        """The files that are asked for, by option."""
+        return {"--diff": self.diff, "--junit": self.junit, "--html": self.html}
+
+
+def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Decorator:
+    """Hand a command ``asked``: rules; if ``whole``, also what is compared, and reports.
+
+    Args:
+        default: rules that hold where neither options nor a file say anything.
+        whole: whether parts of pictures may be chosen, and reports be written.
+    """
+
+    def make(
+        *,
+        fail: tuple[Rule, ...],
+        warn: tuple[Rule, ...],
+        over: float | None,
+        thresholds: Path | None,
+        diff: Path | None = None,
+        junit: Path | None = None,
+        html: Path | None = None,
+        **settings: Any,
+    ) -> Asked:
+        rules = read_thresholds(thresholds, fail, warn, over, default)
+        return Asked(rules, thresholds, Settings(**settings), diff, junit, html)
+
+    options = [*_rules(), *([*_selection(), *_reports()] if whole else [])]
+    return bundle("asked", make, options)
 
 
 class _Difference(click.ParamType[float]):
@@ -35,10 +110,9 @@ class _Difference(click.ParamType[float]):
             return difference(value, option_name(param))
 
 
-def rule_options(command: Command) -> Command:
-    """Hand a command ``fail``, ``warn``, ``over``, ``thresholds`` and ``metadata``."""
+def _rules() -> list[Decorator]:
     option = functools.partial(grouped_option, "Rules")
-    options = [
+    return [
         option(
             "--fail",
             type=Quantity(rule, "RULE"),
@@ -69,13 +143,11 @@ def rule_options(command: Command) -> Command:
         ),
         option("--metadata", is_flag=True, help="Metadata that differs fails, too."),
     ]
-    return _with(command, options)
 
 
-def selection_options(command: Command) -> Command:
-    """Hand a command ``region``, ``mask``, ``coc`` and ``flip``."""
+def _selection() -> list[Decorator]:
     option = functools.partial(grouped_option, "What is compared")
-    options = [
+    return [
         option(
             "--region",
             type=Quantity(region, "X,Y,W,H"),
@@ -97,43 +169,22 @@ def selection_options(command: Command) -> Command:
         ),
         option("--flip", is_flag=True, help="Measure FLIP, too: what a person would see."),
     ]
-    return _with(command, options)
 
 
-def report_options(command: Command) -> Command:
-    """Hand a command ``diff``, ``junit``, ``html`` and ``processes``."""
+def _reports() -> list[Decorator]:
     option = functools.partial(grouped_option, "Output")
-    options = [
-        option(
-            "--diff",
-            type=FilePath(),
-            metavar="DIR",
-            help="Write differences here: signed in NAME.diff.exr, amplified in NAME.diff.png.",
-        ),
+    return [
+        option("--diff", type=FilePath(), metavar="DIR", help=_DIFF),
         option(
             "--junit",
             type=FilePath(),
             metavar="FILE",
             help="Write JUnit XML, a case for each pair.",
         ),
-        html_option("Write a report to look at in a browser: one file, with the pictures in it."),
-        machine_option(
-            "--processes",
-            type=click.IntRange(min=1),
-            default=cores,
-            metavar="N",
-            help="Processes to compare directories with.  [default: one for each core]",
-        ),
+        html_option(_HTML),
     ]
-    return _with(command, options)
 
 
 def html_option(text: str) -> Decorator:
     """``--html``: where to write the report that people look at."""
     return grouped_option("Output", "--html", type=FilePath(), metavar="FILE.html", help=text)
-
-
-def _with(command: Command, options: list[Any]) -> Command:
-    for option in reversed(options):
-        command = option(command)
-    return command

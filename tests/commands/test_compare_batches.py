@@ -1,0 +1,150 @@
+"""``defocus compare`` of two finished batches: recipes first, then pixels, sample by sample."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import color_exr, depth_exr, ramp, refused, run, texture
+
+JOBS = """[inputs]
+color = "{folder}/rgb/*.exr"
+depth = "{folder}/z/*.exr"
+[lens]
+focal-length = "50mm"
+fnumber = {fnumber}
+focus = "2m"
+[outputs]
+kinds = ["render", "coc"]
+format = "{format}"
+"""
+
+
+def batch(folder: Path, out: str, fnumber: float = 2.0, *, format: str = "exr") -> Path:
+    """A finished batch of the pictures in a folder."""
+    jobs = folder / f"{out}.toml"
+    jobs.write_text(JOBS.format(folder=folder, fnumber=fnumber, format=format))
+    ran = run("batch", jobs, "-o", folder / out, "--processes", "1")
+    assert ran.code == 0, ran.err
+    return folder / out
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for seed, name in enumerate("ab"):
+        color_exr(tmp_path / "rgb" / f"{name}.exr", texture(seed=seed))
+        depth_exr(tmp_path / "z" / f"{name}.exr")
+    return tmp_path
+
+
+def test_batches_of_one_recipe_are_the_same(folder: Path) -> None:
+    ran = run("compare", batch(folder, "one"), batch(folder, "two"))
+    assert ran.code == 0
+    assert ran.out.splitlines() == [
+        "recipes: alike in all 2 samples that both batches have",
+        "4 pairs: 4 same",
+    ]
+
+
+def test_recipes_that_differ_come_before_the_pixels(folder: Path) -> None:
+    one, two = batch(folder, "one"), batch(folder, "two", 2.8)
+    depth_exr(folder / "z" / "b.exr", ramp() + 1)
+    three = batch(folder, "three", 2.8)
+    lines = run("compare", one, two).out.splitlines()
+    assert lines[0] == "recipe: lens.fnum 2.8 instead of 2.0 in 2 of 2 samples"
+    assert [line.split(":")[0] for line in lines[1:]] == [
+        *("coc/a.exr", "coc/b.exr", "render/a.exr", "render/b.exr"),
+        "4 pairs",
+    ]
+    lines = run("compare", one, three).out.splitlines()
+    assert lines[1] == "recipe: other bytes of the input depth in 1 of 2 samples"
+    document = run("compare", one, three, "--json").json
+    assert document["recipes"] == [
+        {"what": "lens.fnum", "a": "2.0", "b": "2.8", "samples": 2, "shared": 2},
+        {"what": "input depth", "a": "", "b": "", "samples": 1, "shared": 2},
+    ]
+
+
+def test_another_version_is_said(folder: Path) -> None:
+    one = batch(folder, "one")
+    two = folder / "two"
+    shutil.copytree(one, two)
+    journal = two / "journal.jsonl"
+    text = journal.read_text()
+    assert '"version":' in text
+    journal.write_text(text.replace('"version": "', '"version": "99.'))
+    (line, _) = run("compare", one, two).out.splitlines()
+    assert line.startswith("recipe: version 99.")
+    assert line.endswith("in 2 of 2 samples")
+
+
+def test_samples_pair_whatever_their_format(folder: Path) -> None:
+    one, two = batch(folder, "one"), batch(folder, "two", format="png16")
+    document = run("compare", one, two, "--fail", "psnr<40", "--fail", "max>0", "--json").json
+    names = {pair["name"]: Path(pair["b"]).suffix for pair in document["pairs"]}
+    assert names["render/a.exr"] == ".png"
+    assert names["coc/a.exr"] == ".exr"
+    assert document["recipes"][0]["what"] == "outputs.format"
+
+
+def test_samples_and_files_that_one_batch_lacks_are_a_difference(folder: Path) -> None:
+    one = batch(folder, "one")
+    (folder / "rgb" / "b.exr").unlink()
+    (folder / "z" / "b.exr").unlink()
+    color_exr(folder / "rgb" / "c.exr")
+    depth_exr(folder / "z" / "c.exr")
+    two = batch(folder, "two")
+    (two / "coc" / "a.exr").unlink()
+    ran = run("compare", one, two)
+    assert ran.code == 1
+    assert [line.split(": ")[:2] for line in ran.out.splitlines()][1:-1] == [
+        ["coc/a.exr", "MISSING"],
+        ["coc/b.exr", "MISSING"],
+        ["coc/c.exr", "EXTRA"],
+        ["render/b.exr", "MISSING"],
+        ["render/c.exr", "EXTRA"],
+    ]
+
+
+def test_a_directory_without_a_journal_pairs_by_path(folder: Path) -> None:
+    one = batch(folder, "one")
+    shutil.copytree(one / "render", folder / "two" / "render")
+    shutil.copytree(one / "coc", folder / "two" / "coc")
+    ran = run("compare", one, folder / "two")
+    assert (ran.code, ran.out) == (0, "4 pairs: 4 same\n")
+
+
+def test_a_journal_that_cannot_be_read_is_refused(folder: Path) -> None:
+    one, two = batch(folder, "one"), batch(folder, "two")
+    (two / "journal.jsonl").write_text('{"sample_id": "a"}\n{}\n')
+    refused(run("compare", one, two), 3, "two/journal.jsonl: line 1")
+    (two / "journal.jsonl").write_text("")
+    shutil.copy(two / "journal.jsonl", one / "journal.jsonl")
+    refused(run("compare", one, two), 3, "has a journal without pictures")
+
+
+def test_torch_is_not_loaded_for_batches(folder: Path) -> None:
+    words = ["compare", str(batch(folder, "one")), str(batch(folder, "two"))]
+    code = (
+        "import sys; from defocus_cli.main import main; "
+        f"code = main({words!r}); sys.exit(code + 10 * ('torch' in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_report_has_the_recipes(folder: Path) -> None:
+    one, two = batch(folder, "one"), batch(folder, "two", 2.8)
+    run("compare", one, two, "--html", folder / "r.html")
+    assert "lens.fnum 2.8 instead of 2.0" in (folder / "r.html").read_text()
+
+
+def test_the_number_of_threads_changes_nothing(folder: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--exr-type", "float")
+    files = (folder / "rgb" / "a.exr", folder / "z" / "a.exr")
+    for threads in "12":
+        assert run("render", *files, *lens, "-o", folder / threads, "--threads", threads).code == 0
+    ran = run("compare", folder / "1", folder / "2")
+    assert (ran.code, ran.out.splitlines()[-1]) == (0, "1 pair: 1 same")
