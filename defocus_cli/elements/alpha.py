@@ -50,7 +50,9 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
         count, glowing = count + int(np.count_nonzero(clear)), glowing + int(glow.sum())
         far = np.float32(0 if depth.is_radius else np.inf)
         depth.metres[rows] = np.where(clear & ~glow, far, depth.metres[rows])
-    words = [f"nothing where alpha is 0 in {counted(count - glowing, 'pixel')}"]
+    words = []
+    if count > glowing:
+        words.append(f"nothing where alpha is 0 in {counted(count - glowing, 'pixel')}")
     if glowing:
         words.append(f"light without alpha in {counted(glowing, 'pixel')}")
     if filled:
