@@ -76,6 +76,17 @@ def test_the_sharp_picture_and_its_depth_stand_beside_the_outputs(folder: Path) 
     assert sum(member.endswith(("image.png", "depth.tif")) for member in members) == 16
 
 
+def test_a_map_is_a_float_tiff_if_asked_for(folder: Path) -> None:
+    words = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--outputs", "coc")
+    files = (folder / "a_rgb.exr", folder / "a_z.exr")
+    for map_format in ("exr", "tiff"):
+        out = folder / map_format
+        assert run("render", *files, *words, "-o", out, "--map-format", map_format).code == 0
+    radii = read_exr(folder / "exr" / "coc" / "a_rgb.exr")["coc"]
+    tiff = oiio.ImageBuf(str(folder / "tiff" / "coc" / "a_rgb.tif"))
+    assert np.array_equal(tiff.get_pixels(oiio.FLOAT)[..., 0], radii)
+
+
 def test_a_picture_is_in_one_split_with_all_its_lenses(folder: Path) -> None:
     batch(folder, "--shards-size", "1GB")
     splits: dict[str, set[str]] = {}

@@ -192,7 +192,7 @@ def test_real_deep_pictures_are_near_the_brute_force_one(
     truth = brute_force(colors, radius, coverage)[:, 12:-12, 12:-12]
     shown = render_layers(colors, radius, coverage).render.double()[:, 12:-12, 12:-12]
     assert psnr(shown, truth) > 46
-    assert psnr(shown[:3], truth[:3]) > 55
+    assert psnr(shown[:3], truth[:3]) > 53
 
 
 def test_a_holdout_cuts_out_what_lies_behind_it(tmp_path: Path) -> None:
