@@ -30,7 +30,7 @@ from defocus_cli.system.interrupts import Terminated, put_off, terminations
 
 COMMANDS = (
     *("render", "batch", "status", "report", "retry", "merge"),
-    *("info", "depth", "aperture", "lenses", "compare", "golden", "bench", "verify", "help"),
+    *("info", "depth", "aperture", "lenses", "fit", "compare", "golden", "bench", "verify", "help"),
 )
 
 

@@ -23,6 +23,7 @@ from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
+from defocus_core.fitting import Fit, fit
 from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
@@ -65,6 +66,7 @@ __all__ = [
     "Distribution",
     "DualPixel",
     "Errors",
+    "Fit",
     "Frame",
     "GuidedDepth",
     "HiddenLayer",
@@ -91,6 +93,7 @@ __all__ = [
     "depth_percentile",
     "diagnose_depth",
     "drawn",
+    "fit",
     "memory_bound",
     "metrics",
     "planar_depth",

@@ -17,7 +17,16 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # Folders, and modules beside them, from the outside to the inside: each imports only from those
 # below it.
 CORE_ORDER = (
-    *("__init__", "evaluation", "random_lens", "distributions", "lens", "render", "stream"),
+    *(
+        "__init__",
+        "evaluation",
+        "fitting",
+        "random_lens",
+        "distributions",
+        "lens",
+        "render",
+        "stream",
+    ),
     *(
         "engine",
         "compositing",

@@ -114,7 +114,7 @@ def test_the_commands_of_a_document_run_one_after_another(
         carry_out(words, monkeypatch)
 
 
-@pytest.mark.parametrize("name", ["README", "python", "look"])
+@pytest.mark.parametrize("name", ["README", "python", "look", "fit"])
 def test_the_python_of_a_document_runs(
     name: str, desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,6 +124,9 @@ def test_the_python_of_a_document_runs(
     for kind, content in blocks(DOCUMENTS[name].read_text()):
         if kind == "python":
             exec(content, names)
+    if name == "fit":
+        assert names["found"].strength > 0
+        return
     if name == "look":
         assert names["views"].left.shape == names["image"].shape
         return

@@ -17,6 +17,7 @@ TOPICS = {
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
     "shots": "numbered frames, lenses that move, steadiness, motion vectors",
+    "fit": "the lens between a sharp and a blurred picture, of depth of any scale",
     "compare": "comparison of pictures, thresholds, goldens, CI",
     "python": "the renderer as a torch library, training, samples of a batch",
     "exit-codes": "exit codes, error lines, output for scripts",

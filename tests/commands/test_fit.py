@@ -1,0 +1,99 @@
+"""`defocus fit` finds the lens of a picture, and writes it for `defocus render`."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import read_exr, run, write_exr
+
+LENS = ("--focal-length", "50mm", "--fnumber", "2.8", "--focus", "1.6m", "--blades", "0")
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path, Path]:
+    """A sharp picture, its depth, and the picture through a lens."""
+    random = np.random.default_rng(1)
+    coarse = random.random((15, 20, 3)).repeat(8, 0).repeat(8, 1)
+    light = (0.5 * coarse + 0.5 * random.random((120, 160, 3))).astype(np.float32)
+    depth = np.linspace(4, 1.2, 120, dtype=np.float32)[:, None].repeat(160, 1)
+    depth[30:60, 50:110] = 1.0
+    sharp, z = tmp_path / "a.exr", tmp_path / "z.exr"
+    write_exr(sharp, **{name: light[..., i] for i, name in enumerate("RGB")})
+    write_exr(z, Z=depth)
+    made = run("render", sharp, z, *LENS, "-o", tmp_path / "out", "--exr-type", "float")
+    assert made.code == 0, made.err
+    return sharp, z, tmp_path / "out" / "render" / "a.exr"
+
+
+def test_the_lens_file_renders_the_picture_again(pair: tuple[Path, Path, Path]) -> None:
+    folder = pair[0].parent
+    ran = run("fit", *pair, "-o", folder / "lens.toml", "--focal-length", "50mm")
+    assert ran.code == 0, ran.err
+    lens = tomllib.loads((folder / "lens.toml").read_text())
+    assert lens["fnumber"] == pytest.approx(2.8, rel=0.03)
+    words = ("--lens", folder / "lens.toml", "-o", folder / "again", "--exr-type", "float")
+    assert run("render", *pair[:2], *words).code == 0
+    again, seen = (read_exr(path) for path in (folder / "again" / "render" / "a.exr", pair[2]))
+    error = max(float(np.sqrt(np.mean((again[c] - seen[c]) ** 2))) for c in "RGB")
+    assert error < 0.005
+
+
+def test_it_tells_the_lens_in_words_and_in_json(pair: tuple[Path, Path, Path]) -> None:
+    shown = run("fit", *pair)
+    assert "focus 1.6" in shown.out
+    assert "residual: all " in shown.out
+    (record,) = json.loads(run("fit", *pair, "--json", "--sensor-width", "24mm").out)["pairs"]
+    assert record["focus_m"] == pytest.approx(1.6, rel=0.02)
+    # the same px of blur on a smaller sensor are a smaller circle
+    assert record["fnumber"] == pytest.approx(2.8 * 36 / 24, rel=0.03)
+    assert record["psnr"]["all"] > 40
+
+
+def test_folders_are_fitted_picture_by_picture(pair: tuple[Path, Path, Path]) -> None:
+    folder = pair[0].parent
+    for name, path in zip(("sharp", "depth", "blurred"), pair, strict=True):
+        (folder / name).mkdir()
+        path.rename(folder / name / "a.exr")
+    places = [folder / name for name in ("sharp", "depth", "blurred")]
+    assert run("fit", *places, "-o", folder / "lenses").code == 0
+    assert (folder / "lenses" / "a.toml").exists()
+    again = run("fit", *places, "-o", folder / "lenses")
+    assert again.code == 3
+    assert "--overwrite" in again.err
+    assert run("fit", *places, "-o", folder / "lenses", "--overwrite").code == 0
+
+
+def test_exposure_right_and_blades_change_what_is_found(pair: tuple[Path, Path, Path]) -> None:
+    folder = pair[0].parent
+    light = {name: 2 * pixels for name, pixels in read_exr(pair[2]).items()}
+    write_exr(folder / "bright.exr", **light)
+    asked = (*pair[:2], folder / "bright.exr", "--json", "--exposure", "--blades", "0,6")
+    (record,) = json.loads(run("fit", *asked).out)["pairs"]
+    assert record["gains"] == pytest.approx([2, 2, 2], rel=0.02)
+    assert record["blades"] == 0
+    made = run("render", *pair[:2], *LENS, "-o", folder / "dp", "--outputs", "left,right")
+    assert made.code == 0, made.err
+    left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
+    (record,) = json.loads(run("fit", *pair[:2], left, "--right", right, "--json").out)["pairs"]
+    assert record["fnumber"] == pytest.approx(2.8, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (("-o", "lens.txt"), "is no lens file"),
+        (("--blades", "2"), "no numbers of blades"),
+        (("--right", "missing.exr"), "missing.exr"),
+    ],
+)
+def test_mistakes_are_answered_in_a_line(
+    pair: tuple[Path, Path, Path], words: tuple[str, ...], problem: str
+) -> None:
+    ran = run("fit", *pair, *words)
+    assert ran.code in (2, 3)
+    assert problem in ran.err
+    assert "Traceback" not in ran.err

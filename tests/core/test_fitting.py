@@ -1,0 +1,91 @@
+"""The blur between two pictures is found again, whatever else differs between them."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import Aperture, fit, render
+
+STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
+
+
+def scene(side: int = 160) -> tuple[Tensor, Tensor]:
+    """Textured slopes and a card: light [3, H, W] and disparity [H, W]."""
+    generator = torch.Generator().manual_seed(3)
+    fine = torch.rand(3, side, side, generator=generator)
+    coarse = torch.rand(1, 3, side // 8, side // 8, generator=generator)
+    image = 0.5 * fine + 0.5 * torch.nn.functional.interpolate(coarse, side, mode="bilinear")[0]
+    disparity = torch.linspace(0.05, 0.6, side)[:, None].repeat(1, side)
+    disparity[side // 4 : side // 2, side // 3 : 2 * side // 3] = 0.9
+    return image, disparity
+
+
+def blurred(image: Tensor, disparity: Tensor, **options: object) -> Tensor:
+    return render(image, STRENGTH * (FOCUS - disparity), **options).render  # type: ignore[arg-type]
+
+
+def test_focus_and_strength_are_found_from_two_pictures() -> None:
+    image, disparity = scene()
+    found = fit(image, disparity, blurred(image, disparity))
+    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
+    assert found.focus == pytest.approx(FOCUS, abs=0.01)
+    assert found.strength_error < 0.02
+    assert min(found.psnr) > 40
+    assert not found.doubts
+
+
+def test_depth_of_unknown_scale_and_shift_gives_the_same_radii() -> None:
+    image, disparity = scene()
+    found = fit(image, 40 - 7 * (1 - disparity), blurred(image, disparity))
+    radius = found.strength * (found.focus - (40 - 7 * (1 - disparity)))
+    wanted = STRENGTH * (FOCUS - disparity)
+    assert float((radius - wanted).abs().median()) < 0.02 * float(wanted.abs().median())
+
+
+def test_exposure_and_white_balance_are_found_beside_the_blur() -> None:
+    image, disparity = scene()
+    gains = torch.tensor([0.8, 1.1, 1.3])
+    seen = blurred(image, disparity) * gains[:, None, None]
+    found = fit(image, disparity, seen, exposure=True)
+    assert found.gains == pytest.approx(gains.tolist(), rel=0.01)
+    assert found.focus == pytest.approx(FOCUS, abs=0.01)
+
+
+def test_left_and_right_tell_the_blur_too() -> None:
+    image, disparity = scene()
+    views = render(image, STRENGTH * (FOCUS - disparity), left_right=True)
+    assert views.left is not None
+    assert views.right is not None
+    found = fit(image, disparity, (views.left, views.right))
+    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
+    assert found.focus == pytest.approx(FOCUS, abs=0.01)
+
+
+def test_the_pupil_is_chosen_that_explains_the_picture() -> None:
+    image, disparity = scene()
+    image[:, 20::32, 16::32] = 8.0  # lights show it
+    seen = blurred(image, disparity, aperture=Aperture(5))
+    found = fit(image, disparity, seen, apertures=[Aperture(), Aperture(5)])
+    assert found.aperture.blades == 5
+
+
+def test_what_cannot_be_told_is_said() -> None:
+    image, disparity = scene()
+    found = fit(image, disparity, image)
+    assert any("hardly anything is blurred" in doubt for doubt in found.doubts)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda i, d: (i, d[:-1], i), "same size"),
+        (lambda i, d: (i, d, i[:, :-1]), "shape of sharp"),
+        (lambda i, d: (i, d * torch.inf, i), "finite"),
+        (lambda i, d: (i, torch.ones_like(d), i), "differ somewhere"),
+    ],
+)
+def test_pictures_that_do_not_belong_together_are_refused(change, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        fit(*change(*scene(64)))
