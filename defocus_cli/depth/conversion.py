@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from defocus_cli.jobs.job import Reading
 from defocus_cli.system.arrays import bands
@@ -104,6 +104,7 @@ def convert(place: Place, reading: Reading) -> Converted:
     from defocus_cli.depth.implausible import implausible_file
     from defocus_cli.depth_formats.depth import read_depth, require_valid
     from defocus_cli.exr.writing import write_exr
+    from defocus_cli.look.preview import write_depth_preview
 
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"
@@ -125,25 +126,6 @@ def convert(place: Place, reading: Reading) -> Converted:
     with written_together():
         write_exr(place.out, {"Z": depth.metres}, attributes)
         if place.preview is not None:
-            _write_preview(place.preview, depth, range_m)
+            write_depth_preview(place.preview, depth.metres)
     warnings = (*implausible_file(depth, declared=reading.says_scale), *depth.warnings)
     return Converted(place, depth, range_m, sky, warnings)
-
-
-def _write_preview(path: Path, depth: Depth, range_m: tuple[float, float] | None) -> None:
-    """Disparity from black at infinity to white at the nearest pixel."""
-    from defocus_cli.look.preview import write_preview
-
-    nearest = 1.0 if range_m is None else range_m[0]
-    write_preview(path, _Disparity(depth.metres, nearest))
-
-
-class _Disparity:
-    """Nearest depth over depth, 0 … 1, [H, W, 1], a few rows at a time."""
-
-    def __init__(self, metres: Any, nearest: float) -> None:
-        self._metres, self._nearest = metres, nearest
-        self.shape = (*metres.shape, 1)
-
-    def __getitem__(self, rows: slice) -> Any:
-        return (self._nearest / self._metres[rows])[:, :, None]

@@ -34,6 +34,30 @@ def write_preview(path: Path, pixels: Any) -> None:
     write_samples(path, pixels.shape[:2], encoded, "png", {})
 
 
+def write_depth_preview(path: Path, metres: Any) -> None:
+    """Write depth [H, W] as disparity, from black at infinity to white at the nearest pixel.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    import numpy as np
+
+    near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
+    nearest = min((value for value in near if np.isfinite(value)), default=1.0)
+    write_preview(path, _Disparity(metres, nearest))
+
+
+class _Disparity:
+    """Nearest depth over depth, 0 … 1, [H, W, 1], a few rows at a time."""
+
+    def __init__(self, metres: Any, nearest: float) -> None:
+        self._metres, self._nearest = metres, nearest
+        self.shape = (*metres.shape, 1)
+
+    def __getitem__(self, rows: slice) -> Any:
+        return (self._nearest / self._metres[rows])[:, :, None]
+
+
 def write_signed_preview(path: Path, radius: Any) -> None:
     """Write signed CoC radii, or another signed map, [H, W]: orange near, white at 0, blue far.
 

@@ -129,7 +129,7 @@ class GroupedCommand(click.Command):
         """The arguments with the options that second values are the values of."""
         known = {name for param in self.params for name in param.opts}
         for first, second in self.seconds.items():
-            place = args.index(first) if first in args[1:] and first in known else 0
+            place = args.index(first) if first in args[1:] and {first, second} <= known else 0
             is_given = len(args) > place + 2 and not args[place + 2].startswith("-")
             if place and is_given and not args[0].startswith("-"):
                 args = [*args[: place + 2], second, *args[place + 2 :]]

@@ -40,7 +40,11 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
     from defocus_cli.exr.writing import write_exr
     from defocus_cli.formats.encode import write_image, write_map
-    from defocus_cli.look.preview import write_preview, write_signed_preview
+    from defocus_cli.look.preview import (
+        write_depth_preview,
+        write_preview,
+        write_signed_preview,
+    )
 
     job, contents = rendering.outcome.job, contents_of(rendering, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
@@ -69,6 +73,8 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout)
     if preview is not None and kind.of_radius:
         write_signed_preview(preview, contents.planes[0])
+    elif preview is not None and kind.source == "depth":
+        write_depth_preview(preview, contents.planes[0])
     elif preview is not None:
         count = len(contents.planes) // len(kind.rendered_as)
         views = range(0, len(contents.planes), count)

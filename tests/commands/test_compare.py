@@ -333,3 +333,7 @@ def test_torch_is_not_loaded(a: Path, b: Path, tmp_path: Path) -> None:
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ran.returncode == 1, ran.stderr
     assert json.loads(ran.stdout)["same"] is False
+
+
+def test_options_may_stand_between_the_files(a: Path, b: Path) -> None:
+    assert run("compare", a, "--fail", "share>0.5%", "--over", "0.3", b).code == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -175,10 +176,11 @@ def _codec(name: str) -> Callable[[Path, Pixels], None]:
     return write
 
 
-def _parts(path: Path, image: Pixels) -> None:
-    """Each channel in a part of its own."""
+def _parts(path: Path, image: Pixels, order: str = "RGB") -> None:
+    """Each channel in a part of its own, in an order."""
     header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
-    each = planes(image).items()
+    every = planes(image)
+    each = [(name, every[name]) for name in order]
     made = [OpenEXR.Part({"name": name, **header}, {name: plane}) for name, plane in each]
     OpenEXR.File(made).write(str(path))
 
@@ -191,12 +193,31 @@ def _as_float(path: Path, image: Pixels) -> None:
     write_planes(path, planes(image, np.float32))
 
 
+def _downwards(path: Path, image: Pixels) -> None:
+    write_planes(path, planes(image), lineOrder=OpenEXR.DECREASING_Y)
+
+
+def _small_tiles(path: Path, image: Pixels) -> None:
+    save(path, image.astype(np.float16), tile=(16, 16))
+
+
+# Codecs that change no half.
+_LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K32", "HTJ2K256")
 # Ways to write the scene anew that change no value, by name.
 BENIGN: dict[str, Callable[[Path, Pixels], Any]] = {
-    **{f"codec {name}": _codec(name) for name in ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24")},
+    **{f"codec {name}": _codec(name) for name in _LOSSLESS},
     "tiles": _tiles,
     "float of half": _as_float,
     "metadata": _described,
     "more data than is shown": _wide,
     "a part for each channel": _parts,
+    "parts in another order of channels": partial(_parts, order="BRG"),
+    "lines from the bottom": _downwards,
+    "smaller tiles": _small_tiles,
+    "owner and time": lambda path, image: write_planes(
+        path, planes(image), owner="them", capDate="2001:01:01 00:00:00"
+    ),
+    "a float of half in PIZ": lambda path, image: write_planes(
+        path, planes(image, np.float32), OpenEXR.PIZ_COMPRESSION
+    ),
 }
