@@ -53,7 +53,7 @@ def revived(record: Record, out: Path) -> Job:
             picture = replace(picture, frame=asked["shot"]["frame"])
         job = Job(
             picture,
-            typed(Lens, asked["lens"]),
+            _lens(asked["lens"], inputs, out),
             typed(Reading, {**_earlier_repair(asked), **asked["reading"]}),
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
             Machine(
@@ -71,6 +71,13 @@ def revived(record: Record, out: Path) -> Job:
         problem = f"has a record of {record['sample_id']} that cannot be read: {error}"
         raise InputError(out, problem, "run 'defocus batch' again") from None
     return job
+
+
+def _lens(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Lens:
+    """The lens, with the picture of its opening, which is among the inputs."""
+    lens: Lens = typed(Lens, asked)
+    image = inputs.get("aperture_image")
+    return replace(lens, aperture_image=input_place(image["path"], out)) if image else lens
 
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:

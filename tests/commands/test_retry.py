@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
-from batches import contents, in_process, jobs_file
+from batches import JOBS, contents, in_process, jobs_file
 from command_line import depth_exr, ramp, refused, run
 
 from defocus_cli.journal.lock import locked
@@ -39,3 +40,19 @@ def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
     run("batch", path, "-o", tmp_path / "whole")
     assert contents(out) == contents(tmp_path / "whole")
     assert "nothing failed" in run("retry", out).err
+
+
+def test_retry_keeps_the_picture_of_the_opening(tmp_path: Path, out: Path) -> None:
+    opening = np.zeros((9, 9), np.float32)
+    opening[2:7, 4] = 1
+    np.save(tmp_path / "opening.npy", opening)
+    text = JOBS.replace("[lens]", '[lens]\naperture-image = "opening.npy"')
+    text = text.replace('kinds = ["coc"]', 'kinds = ["render"]')
+    path = jobs_file(tmp_path, text=text)
+    good = (tmp_path / "depth" / "a.exr").read_bytes()
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    assert run("batch", path, "-o", out).code == 1
+    (tmp_path / "depth" / "a.exr").write_bytes(good)
+    assert run("retry", out).code == 0
+    run("batch", path, "-o", tmp_path / "whole")
+    assert contents(out) == contents(tmp_path / "whole")
