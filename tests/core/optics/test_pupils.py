@@ -203,8 +203,9 @@ def test_gradients_flow_through_a_rendering_to_every_number_of_a_pupil() -> None
         views = render(image, radius, aperture=pupil, left_right=True, depth_repair="off")
         return torch.stack(list(views.images))
 
-    values = [double(v, learns=True) for v in (0.5, 0.3, 0.4, 1.5)]
-    assert torch.autograd.gradcheck(shown, values, fast_mode=True)
+    # not 1.5: at a radius of 3 px a pixel would lie on the rim, where the light has a kink
+    values = [double(v, learns=True) for v in (0.5, 0.3, 0.4, 1.53)]
+    assert torch.autograd.gradcheck(shown, values, fast_mode=True, check_undefined_grad=False)
 
 
 @pytest.mark.parametrize(
