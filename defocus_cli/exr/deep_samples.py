@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from defocus_cli.exr.opening import damaged, opened
 from defocus_cli.exr.windows import Window
 from defocus_cli.system.errors import InputError, first_line
-from defocus_cli.system.interrupts import put_off
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -151,18 +151,8 @@ def _version(path: Path) -> tuple[int, int]:
 
 def _decoded(path: Path, header: Header) -> Iterator[Strip]:
     """The samples of a deep part, decoded some rows at a time."""
-    with put_off():
-        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    file = oiio.ImageInput.open(str(path))
-    if not file:
-        raise _damaged(path, first_line(path, oiio.geterror()))
-    try:
-        if not file.seek_subimage(header.index, 0):
-            raise _damaged(path, first_line(path, file.geterror()))
+    with opened(path, header) as file:
         spec, (x0, y0, x1, y1) = file.spec(), header.data
-        if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
-            raise _damaged(path, "two sizes in its header")
         names = {channel.name: channel.type for channel in header.channels}
         step = spec.tile_height or max(_ROWS, _PIXELS // spec.width // _ROWS * _ROWS)
         for top in range(y0, y1 + 1, step):
@@ -176,12 +166,9 @@ def _decoded(path: Path, header: Header) -> Iterator[Strip]:
                 else file.read_native_deep_scanlines(*rows, 0, 0, len(names))
             )
             if data is None or file.has_error:
-                raise _damaged(path, first_line(path, file.geterror()))
+                raise damaged(path, first_line(path, file.geterror()))
             window = Window(x0, top, x1, end - 1)
             yield _strip(path, data, window, names)
-    finally:
-        file.close()
-        oiio.geterror()  # or the next file would be blamed
 
 
 def _strip(path: Path, data: Any, window: Window, names: Mapping[str, str]) -> Strip:
@@ -234,7 +221,3 @@ def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = 2 / (1 / front + 1 / back)
     return np.where((back > front) & (front > 0), middle, front).astype(np.float32)
-
-
-def _damaged(path: Path, why: str) -> InputError:
-    return InputError(path, f"is truncated or damaged ({why})", "write or copy it again")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_cli.exr.chroma import planes_of
 from defocus_cli.exr.deep_layers import DeepLayers, deep_layers, flat_channels
 from defocus_cli.exr.header import Header, read_headers
+from defocus_cli.exr.opening import damaged, opened
 from defocus_cli.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_cli.system.arrays import IN_MEMORY, Keeping
 from defocus_cli.system.errors import InputError, first_line, reason
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
-_AGAIN = "write or copy it again"
 _NO_PIECES = (
     "is too large to be held in --memory, and its pixels cannot be had piece by piece",
     "allow more --memory, or save it in scan lines, ZIP compressed",
@@ -85,7 +85,7 @@ def read_parts(
     except InputError:
         raise
     except Exception as error:  # the libraries raise half a dozen types
-        raise _damaged(path, reason(error)) from error
+        raise damaged(path, reason(error)) from error
 
 
 def read_layers(
@@ -113,7 +113,7 @@ def read_layers(
     except InputError:
         raise
     except Exception as error:  # the libraries raise half a dozen types
-        raise _damaged(path, reason(error)) from error
+        raise damaged(path, reason(error)) from error
 
 
 def _part(
@@ -142,18 +142,8 @@ def _part(
 
 def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:
     """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
-    with put_off():
-        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    file = oiio.ImageInput.open(str(path))
-    if not file:
-        raise _damaged(path, first_line(path, oiio.geterror()))
-    try:
-        if not file.seek_subimage(header.index, 0):
-            raise _damaged(path, first_line(path, file.geterror()))
+    with opened(path, header) as file:
         spec, (x0, y0, x1, y1) = file.spec(), header.data
-        if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
-            raise _damaged(path, "two sizes in its header")
         wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
         cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
         if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
@@ -164,9 +154,6 @@ def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keepi
         for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
             window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
             yield window, _decoded(path, file, header.index, window, types)
-    finally:
-        file.close()
-        oiio.geterror()  # or the next file would be blamed
 
 
 @contextmanager
@@ -193,7 +180,7 @@ def _decoded(
     piece: dict[str, NDArray[Any]] = {}
     named = [pair for pair in enumerate(spec.channelnames) if pair[1] in types]
     if len(named) != len(types):
-        raise _damaged(path, "two lists of channels")
+        raise damaged(path, "two lists of channels")
     # Neighbours of one type have the same distance from their place among the wanted channels.
     placed = [
         (types[name], index - place, index, name) for place, (index, name) in enumerate(named)
@@ -207,11 +194,7 @@ def _decoded(
         else:
             pixels = file.read_scanlines(part, 0, *rows, 0, *channels, kind)
         if pixels is None or file.has_error:
-            raise _damaged(path, first_line(path, file.geterror()))
+            raise damaged(path, first_line(path, file.geterror()))
         pixels = pixels.reshape(window.height, window.width, len(names))
         piece |= {name: pixels[:, :, index - min(names)] for index, name in names.items()}
     return piece
-
-
-def _damaged(path: Path, why: str) -> InputError:
-    return InputError(path, f"is truncated or damaged ({why})", _AGAIN)
