@@ -2,8 +2,9 @@
 
 Beside a sharp subject a strip of the background would stay sharp, or the subject's own rim would be
 blurred. The costs of all displacements, from profiles of colour, are averaged along a silhouette
-before the least is chosen (as cost volumes are in stereo, Hosni et al. 2013), so that it stays
-smooth. A displacement that is rare in the picture needs more evidence.
+before the least is chosen, so that it stays smooth (as in stereo, Hosni et al. 2013), and chosen
+softly, so that it holds still (Kendall et al. 2017). A displacement that is rare in the picture
+needs more evidence.
 """
 
 from __future__ import annotations
@@ -40,6 +41,11 @@ from defocus_core.runtime.threads import threaded
 _ENOUGH = 0.1
 # Rounds in which costs, and then displacements, are averaged over 5×5 px of a silhouette.
 _ROUNDS, _SMOOTHING = 20, 8
+# Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
+# lies their mean, so that an edge does not jump from one to the other.
+_SPREAD = 0.15
+# Grains of displacement in a px: finer differences are rounding.
+_GRAINS = 1 << 8
 # Weight of rarity; share of a displacement's votes that count for those a px beside it.
 _RARITY, _BESIDE = 1.6, 0.25
 # Distance of the rows, and of the columns, on which silhouettes are examined for the displacements
@@ -202,8 +208,10 @@ def _smooth_shifts(
     both = averaged(torch.cat([trust[:, None] * costs, trust[:, None]], 1), _ROUNDS)
     weighted, share = both[:, :-1], both[:, -1:]
     evidence = weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1)
-    shift = (evidence + rarity).argmin(1, keepdim=True).to(costs.dtype) - FARTHEST
-    return averaged(shift, _SMOOTHING)[:, 0]
+    displacement = torch.arange(-FARTHEST, FARTHEST + 1, device=at.device).to(costs.dtype)
+    likely = ((evidence + rarity) / -_SPREAD).softmax(1)
+    shift = (likely * displacement).sum(1, keepdim=True)
+    return (averaged(shift, _SMOOTHING)[:, 0] * _GRAINS).round() / _GRAINS
 
 
 def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
