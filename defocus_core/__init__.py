@@ -34,6 +34,7 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
+from defocus_core.matched_blur import MatchedBlur, fnum_of_strength, matched_blur
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import color_offset
 from defocus_core.optics.cat_eye import CatEye
@@ -72,6 +73,7 @@ __all__ = [
     "HiddenLayer",
     "Layered",
     "Lenses",
+    "MatchedBlur",
     "Pixels",
     "PupilImage",
     "RandomDefocus",
@@ -94,6 +96,8 @@ __all__ = [
     "diagnose_depth",
     "drawn",
     "fit",
+    "fnum_of_strength",
+    "matched_blur",
     "memory_bound",
     "metrics",
     "planar_depth",

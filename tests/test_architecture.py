@@ -18,6 +18,7 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # below it.
 CORE_ORDER = (
     *("__init__", "evaluation", "fitting", "fit_search", "random_lens", "distributions"),
+    "matched_blur",
     *("lens", "render", "stream", "engine", "compositing", "blur", "sequences", "depth"),
     *("inpainting", "layers", "images", "optics", "runtime", "renderer_version"),
 )
