@@ -17,6 +17,7 @@ from typing import Any
 
 from defocus_cli.dataset import sample_index
 from defocus_cli.formats.kinds import KINDS
+from defocus_cli.lenses import radius_set
 from defocus_cli.system.safe_files import written_whole
 
 NAMES = ("card.json", "card.md")
@@ -42,17 +43,16 @@ _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "
 _PLAIN = re.compile(r"[^\w .,:;()/+<>=%°×–-]")  # what Markdown or YAML could take for its own
 
 
-def write(out: Path, records: Sequence[Record]) -> list[Path]:
-    """Write the card of the samples that are done, each file whole or not at all.
+def write(out: Path, card: Mapping[str, Any]) -> list[Path]:
+    """Write a card, each file whole or not at all.
 
     Args:
         out: the folder of the batch.
-        records: of its journal, oldest first.
+        card: from `card_of`.
 
     Raises:
         InputError: a file cannot be written.
     """
-    card = card_of(records)
     texts = (json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n", markdown(card))
     paths = [out / name for name in NAMES]
     for path, text in zip(paths, texts, strict=True):
@@ -85,6 +85,7 @@ def card_of(records: Sequence[Record]) -> dict[str, Any]:
             for key, _, _, value in _ROWS
             if (distribution := _spread(map(value, entries)))
         },
+        "match": _match(done),
         "depth": {
             "read_as": _counts(_alike(record["depth_note"].partition(";")[0]) for record in done),
             "repaired": _counts(kind for each in repairs for kind in each or ["nothing"]),
@@ -98,6 +99,31 @@ def card_of(records: Sequence[Record]) -> dict[str, Any]:
         },
         "versions": _counts(f"defocus {e['version']}, renderer {e['renderer']}" for e in entries),
     }
+
+
+def _match(done: Iterable[Record]) -> dict[str, Any]:
+    """By measure of radii what the set matched asked for and what was reached; empty without."""
+    pairs = [(r["lens"]["radii_px"], r["measures"] or {}) for r in done if "radii_px" in r["lens"]]
+    if not pairs:
+        return {}
+    return {
+        name: {
+            "asked": _spread(asked[which] for asked, _ in pairs),
+            "reached": _spread(reached.get(name) for _, reached in pairs),
+        }
+        for which, name in enumerate(radius_set.MEASURES)
+    }
+
+
+def match_words(card: Mapping[str, Any]) -> str:
+    """How near the radii are to those of the set matched, on the mean; empty without one."""
+    words = []
+    for key, (_, name, *_) in zip(radius_set.MEASURES, _ROWS, strict=False):
+        of = card["match"].get(key) or {}
+        if of.get("asked") and of.get("reached"):
+            asked, reached = of["asked"]["mean"], of["reached"]["mean"]
+            words.append(f"{name.rpartition(', ')[2]} {reached:.3g} px for {asked:.3g} px")
+    return ", ".join(words)
 
 
 def _counts(words: Iterable[str]) -> dict[str, int]:
@@ -171,6 +197,7 @@ def _body(card: Mapping[str, Any]) -> list[str]:
         if key in card["distributions"]:
             numbers = (f"{card['distributions'][key][end]:.4g}" for end in _ENDS)
             lines.append(f"| {words} | {unit or '1'} | {' | '.join(numbers)} |")
+    lines += _match_lines(card["match"])
     tables = (
         ("Sizes in px", card["sizes"]),
         ("Depth was read as", card["depth"]["read_as"]),
@@ -195,6 +222,19 @@ def _body(card: Mapping[str, Any]) -> list[str]:
         "",
         "Cite the sources of the pictures, and defocus by its version.",
     ]
+
+
+def _match_lines(match: Mapping[str, Any]) -> list[str]:
+    """The radii of the set matched beside those reached."""
+    if not match:
+        return []
+    lines = ["", "## Radii of the set matched, in px", ""]
+    lines += ["| of | | " + " | ".join(_ENDS) + " |", "|---" * (len(_ENDS) + 2) + "|"]
+    for key, words, *_ in _ROWS:
+        for which, spread in match.get(key, {}).items():
+            numbers = (f"{spread[end]:.4g}" if spread else "-" for end in _ENDS)
+            lines.append(f"| {words} | {which} | {' | '.join(numbers)} |")
+    return lines
 
 
 def _words(values: Mapping[str, Any]) -> str:

@@ -5,17 +5,18 @@ They are of a grid of its pixels, so that they cost next to nothing.
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from defocus_cli.lenses.radius_set import MEASURES as RADII
+from defocus_cli.system.arrays import evenly
 
 if TYPE_CHECKING:
     from defocus_cli.rendering.outcome import Outcome, Rendering
 
-_PIXELS = 1 << 16  # of the grid, about
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
 # Keys of the measures, in the order of the table of a card.
-MEASURES = ("coc_mean_px", "coc_p50_px", "coc_p99_px", "clipped_share", "invented_share")
+MEASURES = (*RADII, "clipped_share", "invented_share")
 
 
 def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
@@ -33,9 +34,9 @@ def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
     """
     import numpy as np
 
-    radius = _grid(rendering.radius)
+    radius = evenly(rendering.radius)
     if rendering.nothing is not None:
-        radius = radius[~_grid(rendering.nothing)]
+        radius = radius[~evenly(rendering.nothing)]
     sizes = np.abs(radius.astype("float64"))
     p50, p99 = np.percentile(sizes, (50, 99)) if sizes.size else (0.0, 0.0)
     pixels = outcome.stats.get("pixels", 0)
@@ -56,14 +57,4 @@ def _clipped(rendering: Rendering) -> float | None:
     color = rendering.color
     if color.path.suffix.lower() in _FLOATS:
         return None
-    return float(np.mean(np.any([_grid(plane) >= _WHITE for plane in color.light], axis=0)))
-
-
-def _grid(plane: Any) -> Any:
-    """About `_PIXELS` values of an array [H, W], evenly spread."""
-    import numpy as np
-
-    height, width = plane.shape
-    step = max(1, math.isqrt(height * width // _PIXELS))
-    rows = [np.asarray(plane[row : row + 1])[:, ::step] for row in range(0, height, step)]
-    return np.concatenate(rows)
+    return float(np.mean(np.any([evenly(plane) >= _WHITE for plane in color.light], axis=0)))
