@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Picture, Reading
 from defocus_cli.lenses.quantities import length_text
+from defocus_cli.rendering.measures import radius_measures
+from defocus_cli.system.arrays import evenly
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import written_whole
 
@@ -98,7 +100,12 @@ def fit_pair(
     except ValueError as error:
         problem, _, remedy = str(error).partition("; ")
         raise InputError(pair.blurred, problem, remedy or "give another pair") from None
-    return {"picture": str(pair.picture.color), **_record(found, options, color.shape[1])}
+    radius = evenly((found.strength * (found.focus - disparity)).numpy())
+    return {
+        "picture": str(pair.picture.color),
+        **_record(found, options, color.shape[1]),
+        **radius_measures(radius, None if depth.nothing is None else evenly(depth.nothing)),
+    }
 
 
 def _light(color: Color) -> torch.Tensor:
@@ -143,7 +150,7 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
     """
     focus = record["focus_m"]
     lines = [
-        "# Found by 'defocus fit' from a sharp and a blurred picture.",
+        "# Found by 'defocus fit'.",
         f'focal-length = "{length_text(record["focal_length_mm"], 9)}"',
         f'sensor-width = "{length_text(record["sensor_width_mm"], 9)}"',
         f"fnumber = {record['fnumber']:.6g}",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import color_exr, depth_exr, refused, run, texture
+from command_line import color_exr, depth_exr, read_exr, refused, run, texture
 
 MEASURES = ("coc_mean_px", "coc_p50_px", "coc_p99_px")
 HEAD = """
@@ -115,6 +115,48 @@ def test_a_histogram_is_a_table_with_counts(reference: Path) -> None:
     assert np.median(most) < 8
     reached = [entry["coc_p99_px"] for entry in entries(reference / "hist")]
     assert np.mean(reached) == pytest.approx(most.mean(), rel=0.1)
+
+
+def test_fit_writes_lens_files_whose_radii_are_those_of_the_set(reference: Path) -> None:
+    for name in "pqrs":
+        for kind, file in (("rgb", "rgb"), ("z", "z")):
+            (reference / "by" / kind).mkdir(parents=True, exist_ok=True)
+            source = reference / "new" / f"{name}_{file}.exr"
+            (reference / "by" / kind / f"{name}.exr").write_bytes(source.read_bytes())
+    places = (reference / "by" / "rgb", reference / "by" / "z")
+    asked = ("--match", reference / "ref", "--seed", "5")
+    ran = run("fit", *places, *asked, "-o", reference / "lenses", "--json")
+    assert ran.code == 0, ran.err
+    for record in json.loads(ran.out)["pairs"]:
+        assert record["coc_p99_px"] == pytest.approx(record["asked"]["coc_p99_px"], rel=0.3)
+        name = Path(record["picture"]).stem
+        out = reference / f"again_{name}"
+        words = ("--lens", record["out"], "-o", out, "--outputs", "coc")
+        assert run("render", *(p / f"{name}.exr" for p in places), *words).code == 0
+        radii = np.abs(read_exr(out / "coc" / f"{name}.exr")["coc"])
+        assert np.percentile(radii, 99) == pytest.approx(record["coc_p99_px"], rel=0.01)
+    shown = run("fit", *places, "--match", reference / "ref")
+    assert "radii in px, and those asked for: mean " in shown.out
+    assert shown.out != run("fit", *places, "--match", reference / "ref", "--seed", "1").out
+    # the records are a table of radii in turn
+    rows = (json.dumps(record) for record in json.loads(ran.out)["pairs"])
+    (reference / "found.jsonl").write_text("\n".join(rows))
+    assert run("fit", *places, "--match", reference / "found.jsonl").code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        ((), "BLURRED: is missing"),
+        (("--seed", "1"), "--seed: has no effect without --match"),
+        (("--match", "ref", "--exposure"), "--exposure: stands beside --match"),
+        (("blurred", "--match", "ref"), "BLURRED: stands beside --match"),
+    ],
+)
+def test_fit_refuses_what_has_no_effect(
+    reference: Path, words: tuple[str, ...], problem: str
+) -> None:
+    refused(run("fit", reference / "a.exr", reference / "z.exr", *words), 2, problem)
 
 
 @pytest.mark.parametrize(
