@@ -23,7 +23,8 @@ from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
-from defocus_core.fitting import Fit, fit
+from defocus_core.fitting.matched_blur import MatchedBlur, fnum_of_strength, matched_blur
+from defocus_core.fitting.pair import Fit, fit
 from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
@@ -34,7 +35,6 @@ from defocus_core.layers.ladder import UnreachableTolerance, cheapest_within, qu
 from defocus_core.layers.quality import QUALITIES
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.lens import DefocusLens
-from defocus_core.matched_blur import MatchedBlur, fnum_of_strength, matched_blur
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import color_offset
 from defocus_core.optics.cat_eye import CatEye
