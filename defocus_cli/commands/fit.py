@@ -98,13 +98,25 @@ def _blades(text: str) -> tuple[int, ...]:
     default="0",
     show_default=True,
     metavar="N,…",
-    help="Numbers of blades to choose from; 0 is round.",
+    help="Numbers of blades to choose from; 0 is round. Their rotation is found, too.",
 )
 @grouped_option(
     "Lens",
     "--exposure",
     is_flag=True,
     help="Find a factor for each colour, too: the pictures differ in exposure or white balance.",
+)
+@grouped_option(
+    "Lens",
+    "--gamma",
+    is_flag=True,
+    help="Find the power by which the files are linear light, too: their curve is not known.",
+)
+@grouped_option(
+    "Lens",
+    "--shift",
+    is_flag=True,
+    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too.",
 )
 @reading_options
 @shared.json_option
@@ -121,6 +133,8 @@ def command(
     sensor_width: float,
     blades: tuple[int, ...],
     exposure: bool,
+    gamma: bool,
+    shift: bool,
     reading: Reading,
     as_json: bool,
 ) -> None:
@@ -138,7 +152,8 @@ def command(
       picture      its path
       focus_m, focus_dioptres, focus_error_dioptres; focus_m is null at infinity
       fnumber, fnumber_error (relative), px_per_dioptre
-      blades, gains
+      blades, blade_rotation_deg, gains
+      gamma, gamma_error (relative), shift_px (right, down)
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
       asked        with --match, the same of SET
       psnr         all, edges, elsewhere, in dB of compressed light
@@ -151,7 +166,9 @@ def command(
       defocus fit sharp depth --match out/set -o lenses
       defocus fit sharp depth blurred -o lenses --focal-length 85mm --exposure --blades 0,7
     """  # noqa: D301  click reads the backspace
-    options = lens_fit.FitOptions(focal_length, sensor_width, blades, exposure)
+    options = lens_fit.FitOptions(
+        focal_length, sensor_width, blades, exposure=exposure, gamma=gamma, shift=shift
+    )
     _refuse_idle(blurred, match, seed, right, options)
     pictures = find_pictures(sharp, depth)
     finding = (
@@ -230,8 +247,8 @@ def _refuse_idle(
         if blurred is None:
             raise UsageProblem("BLURRED", "is missing", "give the blurred picture, or --match SET")
         return
-    beside = {"BLURRED": blurred, "--right": right, "--exposure": options.exposure}
-    beside["--blades"] = options.blades != (0,)
+    beside = {"BLURRED": blurred, "--right": right, "--blades": options.blades != (0,)}
+    beside |= {f"--{name}": getattr(options, name) for name in ("exposure", "gamma", "shift")}
     for name, value in beside.items():
         if value:
             raise UsageProblem(name, "stands beside --match, which needs none", "remove one")

@@ -150,6 +150,7 @@ def test_fit_writes_lens_files_whose_radii_are_those_of_the_set(reference: Path)
         ((), "BLURRED: is missing"),
         (("--seed", "1"), "--seed: has no effect without --match"),
         (("--match", "ref", "--exposure"), "--exposure: stands beside --match"),
+        (("--match", "ref", "--shift"), "--shift: stands beside --match"),
         (("blurred", "--match", "ref"), "BLURRED: stands beside --match"),
     ],
 )
