@@ -23,6 +23,8 @@ _STEPS = {_COARSE: 4, MIDDLE: 4, None: 3}  # most Gauss-Newton steps at a width
 _STARTS = 3  # of the best of the coarse search
 _TURNS = 4  # rotations tried between a blade and the next
 _BLOCKS = 6  # along each side, for the uncertainty
+_AROUND = ((0.1, 0.04), (0.05, 0.015))  # steps in strength and focus from a point to others
+_ROUNDS = 4  # most steps of each size
 _ENOUGH = 2e-4  # a smaller step is none
 _SHORTER = (1.0, 0.35, 0.1)  # shares of a step that are tried
 _DAMPING = 1e-4
@@ -66,6 +68,7 @@ class Search:
             (self._descended(start, small, _COARSE, self._free) for start in starts),
             key=lambda found: found.error,
         )
+        found = self._best_around(found, small)
         if self.residual.width > MIDDLE:
             found = self._descended(found, self.residual.scale(MIDDLE), MIDDLE, self._free)
         found = self._with_pupil(found, apertures)
@@ -81,6 +84,23 @@ class Search:
             point = Point(radius / float((focus - values).abs().max()), focus, **shift)
             error = error_of(*self.residual.of(point, aperture, scale, "draft"))
             found.append(Found(error, point, aperture))
+        return found
+
+    def _best_around(self, found: Found, scale: Scale) -> Found:
+        """The best of points around a point, from which steps descend again.
+
+        Discs of lights have edges, between which the error has valleys of its own.
+        """
+        ways = [way for way in product((-1, 0, 1), repeat=2) if any(way)]
+        for sizes in _AROUND:
+            for _ in range(_ROUNDS):
+                steps = ([way[0] * sizes[0], way[1] * sizes[1]] for way in ways)
+                points = (moved(found.point, self._free[:2], step) for step in steps)
+                tried = (self._at(point, found.aperture, scale) for point in points)
+                there = min(tried, key=lambda each: each.error)
+                if there.error >= found.error:
+                    break
+                found = self._descended(there, scale, _COARSE, self._free)
         return found
 
     def _shift(self) -> dict[str, float]:
