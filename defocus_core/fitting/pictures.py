@@ -9,6 +9,8 @@ from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad
 
 _LEAST = 16  # px, of a side of small pictures
+_ENDLESS = 1.001  # greatest value, beyond which light has no end
+_END = 0.9999  # share of the greatest value
 _LOBES = 3  # of the windowed sinc that shifts a picture
 
 
@@ -20,6 +22,8 @@ class Scale:
         sharp: [C, H, W].
         seen: Each [C, H, W].
         disparity: [H, W].
+        lost: Share of pixels whose light is clipped in the sharp picture [1, H, W]; None if none
+            is.
     """
 
     def __init__(
@@ -30,6 +34,7 @@ class Scale:
         self.factor = min(1.0, width / full)
         self.sharp = self._small(sharp)
         self.seen = [self._small(each) for each in seen]
+        self.lost = self._small(clipped) if bool((clipped := _clipped(sharp)).any()) else None
         height, width = self.sharp.shape[1:]
         rows = ((torch.arange(height) + 0.5) * sharp.shape[1] / height).long()
         columns = ((torch.arange(width) + 0.5) * full / width).long()
@@ -40,6 +45,17 @@ class Scale:
             return image
         size = [max(_LEAST, round(side * self.factor)) for side in image.shape[1:]]
         return interpolate(image[None], size, mode="area")[0]
+
+
+def _clipped(image: Tensor) -> Tensor:
+    """Where a picture [C, H, W] that ends at 1 or below is at its end: [1, H, W], 1 or 0.
+
+    The end of a picture without clipped light is that of a pixel or two.
+    """
+    top = float(image.max())
+    if top > _ENDLESS:
+        return torch.zeros_like(image[:1])
+    return (image.amax(0, keepdim=True) >= _END * top).to(image)
 
 
 def shifted(images: Tensor, across: float, down: float) -> Tensor:

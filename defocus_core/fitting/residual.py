@@ -1,8 +1,9 @@
 """What a point makes of the sharp picture, and its difference from what is seen.
 
-Differences are taken of light compressed by x / (x + m), so that a lamp does not outweigh a scene,
-and count less where they are large (Huber), where light is clipped, and where the rendering
-invents. They are of the numbers of the pictures, not of what a gamma makes of them.
+Differences are taken of light compressed by x / (x + m), so that a lamp does not outweigh a scene.
+They count less where they are large (Huber), and not where light is clipped, where a clipped light
+is blurred, whose strength nobody knows, nor where the rendering invents. They are of the numbers of
+the pictures, not of what a gamma makes of them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ BEND = 0.02  # of compressed light, from which on a difference counts less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
 _TRUSTED = 0.9  # share of the lens, from which on a pixel counts
 _LEAST_WEIGHT = 0.05  # mean of a picture of which enough counts
+_LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
 _KEPT = 4  # renderings, as a shift needs no other
 
 
@@ -85,6 +87,9 @@ class Residual:
     ) -> tuple[Tensor, Tensor]:
         """The numbers that a camera stores [V, C, H, W], and their weights [V, 1, H, W]."""
         made, trust = self._render(point, aperture, scale, quality)
+        if scale.lost is not None:
+            made, lost = made[:, :-1], made[:, -1]
+            trust = trust * (1 - lost.amax(0) / _LOST).clamp(0, 1)
         if point.gamma != 1:
             made = made.clamp_min(0) ** (1 / point.gamma)
         sure = ((trust - _TRUSTED) / (1 - _TRUSTED)).clamp(0, 1)
@@ -101,13 +106,17 @@ class Residual:
     def _render(
         self, point: Point, aperture: Aperture, scale: Scale, quality: str
     ) -> tuple[Tensor, Tensor]:
-        """The views [V, C, H, W] of light that a blur makes, and their trust [H, W]."""
+        """The views [V, C, H, W] of light that a blur makes, and their trust [H, W].
+
+        Where lights of the sharp picture are clipped, their share is a channel more.
+        """
         key = (replace(point, across=0.0, down=0.0), aperture, scale.factor, quality)
         if key in self._rendered:
             return self._rendered[key]
         strength = point.strength * scale.factor
+        light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
         views = render(
-            scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma,
+            light if scale.lost is None else torch.cat([light, scale.lost]),
             strength * (point.focus - scale.disparity),
             aperture=point.turned(aperture),
             quality=quality,

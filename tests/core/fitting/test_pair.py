@@ -112,6 +112,17 @@ def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them() -> None:
     torch.testing.assert_close(turned, moved)
 
 
+def test_lights_that_are_clipped_do_not_mislead() -> None:
+    """A light of 60 spreads as a disc, of which the clipped light of 1 explains nothing."""
+    image, disparity = scene()
+    image = 0.7 * image
+    image[:, 10::20, 10::20] = 60.0
+    seen = blurred(image, disparity).clamp(max=1)
+    found = fit(image.clamp(max=1), disparity, seen)
+    assert found.strength == pytest.approx(STRENGTH, rel=0.002)
+    assert found.psnr[0] > 50
+
+
 def test_pictures_of_which_all_is_clipped_are_refused() -> None:
     image, disparity = scene(64)
     with pytest.raises(ValueError, match="hardly a pixel tells anything"):
