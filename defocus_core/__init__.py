@@ -17,6 +17,12 @@ from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.engine.settings import Settings
 from defocus_core.evaluation import baselines, metrics
+from defocus_core.evaluation.controllability import (
+    STRENGTHS,
+    blur_made,
+    rank_correlation,
+    rises,
+)
 from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.lens_laws import LAWS, verify
@@ -57,6 +63,7 @@ __all__ = [
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
+    "STRENGTHS",
     "Aperture",
     "Behind",
     "CatEye",
@@ -85,6 +92,7 @@ __all__ = [
     "Views",
     "agreed_repair",
     "baselines",
+    "blur_made",
     "cells_bytes",
     "chained",
     "cheapest_within",
@@ -102,11 +110,13 @@ __all__ = [
     "metrics",
     "planar_depth",
     "quantisation",
+    "rank_correlation",
     "render",
     "render_layers",
     "repair_depth",
     "repair_options",
     "repair_through",
+    "rises",
     "scenery",
     "seen_behind",
     "temporal_mean",
