@@ -20,7 +20,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, groupe
 from defocus_cli.rendering import lens_fit, lens_match
 from defocus_cli.reports.batch_report import tile_bar
 from defocus_cli.system import console
-from defocus_cli.system.errors import InputError, UsageProblem, UserError
+from defocus_cli.system.errors import Failures, InputError, UsageProblem, UserError
 
 _MOST_BLADES = 99
 _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
@@ -158,6 +158,7 @@ def command(
       asked        with --match, the same of SET
       psnr         all, edges, elsewhere, in dB of compressed light
       doubts       what these pictures do not tell
+    and "failed" of pictures without a lens: subject, problem, remedy
 
     \b
     Examples:
@@ -185,15 +186,13 @@ def command(
             raise InputError(named, "is there already", "give another -o, or --overwrite")
     if many and out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    records, failed = [], None
+    records, failures = [], Failures()
     for picture, find, place in zip(pictures, finding, places, strict=True):
         try:
             with tile_bar() as progress:
                 record = find(progress)
         except UserError as error:
-            if failed:
-                failed.show()
-            failed = error
+            failures.add(error)
             continue
         if place is not None:
             lens_fit.write_lens(place, record)
@@ -201,10 +200,9 @@ def command(
         if not as_json:
             lines = lens_match.match_words(record) if match else lens_fit.words(record)
             click.echo("\n".join([f"{picture.color}:", *(f"  {line}" for line in lines)]))
-    if as_json:
-        console.print_json(pairs=records)
-    if failed:
-        raise failed
+    if as_json and records:
+        console.print_json(pairs=records, failed=failures.records())
+    failures.end()
 
 
 def _by_pairs(

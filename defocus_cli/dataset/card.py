@@ -18,6 +18,7 @@ from typing import Any
 from defocus_cli.dataset import sample_index
 from defocus_cli.dataset.card_tables import ENDS, WORDS, tables_of
 from defocus_cli.lenses import radius_set
+from defocus_cli.system.errors import alike
 from defocus_cli.system.safe_files import written_whole
 
 NAMES = ("card.json", "card.md")
@@ -117,11 +118,6 @@ def _value(key: str, entry: Record) -> Any:
 def _counts(words: Iterable[str]) -> dict[str, int]:
     """How often each occurs, the commonest first."""
     return dict(sorted(Counter(words).items(), key=lambda item: (-item[1], item[0])))
-
-
-def alike(note: str) -> str:
-    """A note without its numbers, so that those of many pictures are alike."""
-    return re.sub(r"\d[\d.,]*", "N", note)
 
 
 def _spread(values: Iterable[Any]) -> dict[str, float] | None:
