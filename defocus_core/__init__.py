@@ -17,13 +17,20 @@ from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.engine.settings import Settings
 from defocus_core.evaluation import baselines, metrics
+from defocus_core.evaluation.controllability import (
+    STRENGTHS,
+    blur_made,
+    rank_correlation,
+    rises,
+)
 from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
-from defocus_core.fitting import Fit, fit
+from defocus_core.fitting.matched_blur import MatchedBlur, fnum_of_strength, matched_blur
+from defocus_core.fitting.pair import Fit, fit
 from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
@@ -56,6 +63,7 @@ __all__ = [
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
+    "STRENGTHS",
     "Aperture",
     "Behind",
     "CatEye",
@@ -72,6 +80,7 @@ __all__ = [
     "HiddenLayer",
     "Layered",
     "Lenses",
+    "MatchedBlur",
     "Pixels",
     "PupilImage",
     "RandomDefocus",
@@ -83,6 +92,7 @@ __all__ = [
     "Views",
     "agreed_repair",
     "baselines",
+    "blur_made",
     "cells_bytes",
     "chained",
     "cheapest_within",
@@ -94,15 +104,19 @@ __all__ = [
     "diagnose_depth",
     "drawn",
     "fit",
+    "fnum_of_strength",
+    "matched_blur",
     "memory_bound",
     "metrics",
     "planar_depth",
     "quantisation",
+    "rank_correlation",
     "render",
     "render_layers",
     "repair_depth",
     "repair_options",
     "repair_through",
+    "rises",
     "scenery",
     "seen_behind",
     "temporal_mean",
