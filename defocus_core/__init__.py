@@ -24,7 +24,7 @@ from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
 from defocus_core.fitting import Fit, fit
-from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
+from defocus_core.images.clipped_lights import AUTO_LIGHTS, ClippedLights, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
@@ -60,6 +60,7 @@ __all__ = [
     "Behind",
     "CatEye",
     "Check",
+    "ClippedLights",
     "Cost",
     "DefocusLens",
     "DepthRepair",
