@@ -97,7 +97,7 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[UserError]
 
 def _forecast(job: Job, device: str, rate: float) -> Forecast:
     from defocus_cli.rendering import job_steps
-    from defocus_cli.rendering.render_picture import stream_of
+    from defocus_cli.rendering.streams import Streams
     from defocus_core import cost
 
     start = time.perf_counter()
@@ -109,7 +109,7 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     if not job.outputs.need_rendering:
         return Forecast(outcome, read_seconds, None, 0.0, peak, scratch_mb)
-    stream = stream_of(loaded, radius, outcome)
+    stream = Streams(loaded, radius, outcome).of()
     outcome = replace(outcome, repair=stream.repair)
     work, peak = cost(stream), peak + regions_at_once(job, stream, held, device)[1]
     return Forecast(outcome, read_seconds, work, work.work / rate, peak, scratch_mb)
