@@ -105,7 +105,12 @@ def with_offset(layers: Layered, px: float) -> Layered:
 
     if px == 0:
         return layers
-    return Layered.of(layers.colors, _Plus(layers.signed_radius, px), layers.coverage)
+    return Layered.of(layers.colors, plus(layers.signed_radius, px), layers.coverage)
+
+
+def plus(radii: Pixels, px: float) -> Pixels:
+    """Radii and some px."""
+    return radii if px == 0 else _Plus(radii, px)
 
 
 class _Plus:

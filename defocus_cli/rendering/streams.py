@@ -18,6 +18,7 @@ from defocus_cli.rendering.colors_apart import (
     Colors,
     chosen,
     of_colors,
+    plus,
     transposed,
     turned_layer,
     turned_layers,
@@ -73,8 +74,7 @@ class Streams:
         """The renderer of some channels, which works region by region; of all without any."""
         from defocus_core import Stream
 
-        loaded, outcome = self._loaded, self.outcome
-        colors = colors or Colors(tuple(range(len(loaded.color.planes))))
+        colors = colors or self._every
         settings = self._settings(colors)
         if self._layers is not None:
             layers, repair = self._layers
@@ -85,13 +85,13 @@ class Streams:
             stream.repair = stream.repair if repair is None else repair
             return stream
         image, px = chosen(self._image, colors.channels), self._longer * colors.offset
-        radii: Pixels = Windows([times(self._radius, self._longer, px)], outcome.device, lone=True)
+        radii, repair = self._repaired
+        radii = plus(radii, px)
         behind = of_colors(self._hidden, colors.channels, px, image)
         if colors.turned:
             image, radii = transposed(image), transposed(radii)
             behind = behind and turned_layer(behind)
-        hold = holds_cells(image.shape, room_on(outcome.device, loaded.holding.room_mb))
-        return Stream(image, radii, settings, behind, hold=hold)
+        return Stream(image, radii, settings, behind, repair=repair, hold=self._holds)
 
     def in_order(self, part: Views, colors: Colors) -> Views:
         """A rendered part with its channels in the order of those that were asked for.
@@ -138,6 +138,34 @@ class Streams:
             decided=outcome.decided and repair_through(outcome.decided, self._longer, infinity),
         )
 
+    @property
+    def _every(self) -> Colors:
+        """All channels together."""
+        return Colors(tuple(range(len(self._loaded.color.planes))))
+
+    @cached_property
+    def _holds(self) -> bool:
+        """Whether there is room for what is derived from the whole picture."""
+        room = room_on(self.outcome.device, self._loaded.holding.room_mb)
+        return holds_cells(self._image.shape, room)
+
+    @cached_property
+    def _repaired(self) -> tuple[Pixels, DepthRepair]:
+        """The radii, repaired once for all renderings, by the picture as it was given."""
+        from defocus_core import repair_depth
+
+        device, settings = self.outcome.device, self._settings(self._every)
+        return repair_depth(
+            Windows([times(self._radius, self._longer)], device, lone=True),
+            Windows(self._loaded.color.planes, device),
+            settings.infinity,
+            settings.threads,
+            depth_repair=settings.depth_repair,
+            edge_width=settings.edge_width,
+            decided=settings.decided,
+            hold=self._holds,
+        )
+
     @cached_property
     def _longer(self) -> float:
         """The longer half axis of the blur in px, in radii of the CoC."""
@@ -170,8 +198,8 @@ class Streams:
         pictures = (loaded.color, loaded.plate.color)
         lights = [Windows((*c.light, *c.planes[len(c.channels) :]), device) for c in pictures]
         lights, self.lights = lit(lights, len(loaded.color.light), lens)
-        every = Colors(tuple(range(len(loaded.color.planes))))
-        return layers_of(lights, pictures, (own, behind), self._settings(every), device)
+        settings = self._settings(self._every)
+        return layers_of(lights, pictures, (own, behind), settings, device)
 
     @cached_property
     def _hidden(self) -> Behind | None:
