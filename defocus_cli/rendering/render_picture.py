@@ -83,19 +83,17 @@ def _fill(images: _Images, loaded: Loaded, streams: Streams, progress: Progress 
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
 
-    job, at_once, colors = streams.outcome.job, None, renderings(loaded, streams.outcome)
+    job, most, device = streams.outcome.job, None, streams.outcome.device
+    colors = renderings(loaded, streams.outcome)
     while True:
         images.clamped.clear()
         try:
             for number, color in enumerate(colors):
                 stream = streams.of(color)
-                if at_once is None:
-                    at_once, _ = regions_at_once(
-                        job, stream, loaded.holding, streams.outcome.device
-                    )
-                    if at_once < job.machine.threads:  # memory is short
-                        memory.keep_freed(False)
-                        memory.trim()
+                at_once = most or regions_at_once(job, stream, loaded.holding, device)[0]
+                if at_once < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
                 shown = progress and partial(_of_all, progress, number, len(colors))
                 images.invented = 0  # of one rendering
                 for part in stream.regions(at_once, shown):
@@ -103,11 +101,11 @@ def _fill(images: _Images, loaded: Loaded, streams: Streams, progress: Progress 
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
-            if at_once == 1:
+            if most == 1:
                 problem = "does not fit into the memory of the GPU"
                 remedy = "use --device cpu, or a smaller --tile"
                 raise TooLarge(job.picture.color, problem, remedy) from None
-            at_once = 1
+            most = 1
 
 
 def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
