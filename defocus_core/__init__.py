@@ -38,6 +38,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import color_offset
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
+from defocus_core.optics.pupil_field import PupilField
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
@@ -74,6 +75,7 @@ __all__ = [
     "Layered",
     "Lenses",
     "Pixels",
+    "PupilField",
     "PupilImage",
     "RandomDefocus",
     "Scenery",

@@ -41,6 +41,11 @@ class Rim(NamedTuple):
         """The opening of the rim."""
         return _OffsetDisc(*self)
 
+    def of(self, which: Tensor | slice) -> Rim:
+        """The rim as the points of these indices see it; its size is common to all."""
+        x, y = (torch.as_tensor(place)[which] for place in (self.x, self.y))
+        return self._replace(x=x, y=y)
+
 
 @dataclass(frozen=True)
 class _OffsetDisc(Outline):
@@ -94,7 +99,7 @@ class CatEye:
         values = (self.size, self.shift)
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
 
-    def rim(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rim:
+    def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rim:
         """The rim that points of the frame see.
 
         The pupil is clipped on the side of the point: at the right border, where u.x > 0.
