@@ -80,7 +80,7 @@ def _area_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
     """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
     with torch.inference_mode(False):  # the cache serves calls that need gradients, too
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
-        if part.lean or view:
+        if part.is_uneven or view:
             r = torch.tensor(_STEPS / 2, dtype=torch.float64)
             below = aperture.kernel(r, _STEPS, part, view).cumsum(0).cumsum(1)
             return torch.nn.functional.pad(below, (1, 0, 1, 0))

@@ -81,15 +81,11 @@ class Aperture:
             problem = f"blades must be {wanted}, got {blades}"
             raise ValueError(f"{problem}; write 0 for a round aperture")
         if not math.isfinite(number("rotation", self.rotation, "it is an angle in degrees")):
-            raise ValueError(
-                f"rotation must be a finite angle in degrees, got {self.rotation}; "
-                "write 0 for a vertex at +x"
-            )
+            problem = f"rotation must be a finite angle in degrees, got {self.rotation}"
+            raise ValueError(f"{problem}; write 0 for a vertex at +x")
         if self.psf_type not in PSF_TYPES:
-            raise ValueError(
-                f"psf_type must be one of {', '.join(PSF_TYPES)}, got {self.psf_type!r}; "
-                "pillbox is the thin lens"
-            )
+            problem = f"psf_type must be one of {', '.join(PSF_TYPES)}, got {self.psf_type!r}"
+            raise ValueError(f"{problem}; pillbox is the thin lens")
         for name, (least, most, meaning) in _RANGES.items():
             if not least <= number(name, getattr(self, name), meaning) <= most:
                 problem = f"{name} must be from {least:g} to {most:g}, got {getattr(self, name)}"
@@ -100,9 +96,8 @@ class Aperture:
         if self.image is not None and blades:
             raise ValueError(f"blades must be 0 beside an image, got {blades}; keep one of them")
         if not blades and not _is(self.curvature, 0.0):
-            raise ValueError(
-                f"curvature must be 0 without blades, got {self.curvature}; give it blades, like 6"
-            )
+            problem = f"curvature must be 0 without blades, got {self.curvature}"
+            raise ValueError(f"{problem}; give it blades, like 6")
 
     @cached_property
     def outline(self) -> Outline:
@@ -196,7 +191,7 @@ class Aperture:
         light = self._light(u, r, part, view)
         if fine > 1:
             light = light.reshape(*r.shape, size, fine, size, fine).sum((-3, -1))
-        uneven = self.psf_type == "gaussian" or part.lean or not _is(self.spherical, 0.0)
+        uneven = self.psf_type == "gaussian" or part.is_uneven or not _is(self.spherical, 0.0)
         light = light / (light.sum((-2, -1), keepdim=True) if uneven or view else area)
         return light.to(radius.dtype)
 
@@ -209,8 +204,8 @@ class Aperture:
             light = light * gaussian(u)
         if not _is(self.spherical, 0.0):
             light = light * self._aberration(u, r)
-        if part.lean:
-            light = light * (1 + part.lean * self.narrowing[0] * middles(u)[..., None, :])
+        if part.is_uneven:
+            light = light * part.counted(u, self.narrowing)
         if not isinstance(view, Rim):
             return light
         opening = Squeezed(view.outline, *self.narrowing).areas(x, y)
@@ -236,15 +231,12 @@ class Aperture:
         """The share of the pupil that lies in the part: the weight of this part in the whole.
 
         The kernels of parts that tile the pupil, averaged with these weights, are the kernel of
-        the whole. LEFT and RIGHT weigh 1/2 each for a disc, for polygons with an even number of
-        blades and for odd ones with a vertex at the top or bottom. Otherwise their areas differ
-        (48.9 : 51.1 % for five blades at 0°): the centre is the mean of its parts by these weights,
-        and the pair is made to have the centre as its plain mean, with the ratio of halves
-        normalised each by its area.
-
-        Returns:
-            A number in [0, 1]. Where the pupil is gaussian, the share of its weight, to about 1e-6.
+        the whole. LEFT and RIGHT of an asymmetric pupil differ (48.9 : 51.1 % for five blades at
+        0°): the centre is the mean of its parts by these weights, and the pair is made to have the
+        centre as its plain mean. Of a gaussian pupil the share of its weight, to about 1e-6.
         """
+        if part.sensitivity is not None:
+            return _share_seen(self.fixed, part)
         if part.lean:
             return (1 + part.lean * float(self.narrowing[0] * self.centroid(FULL)[0])) / 2
         weigh, outline = weight_of if self.psf_type == "gaussian" else area_of, self.fixed.outline
@@ -259,8 +251,7 @@ class Aperture:
         """Cut the pupil into parts, first those of the LEFT half, then those of the RIGHT.
 
         Two are the halves, four the halves halved again, each by area. Sixteen lie on a grid that a
-        quarter turn leaves as it is; they differ in area, and those that hold next to nothing of a
-        polygon are left out. The parts of a symmetric pupil are symmetric. With spherical
+        quarter turn leaves as it is, without those that hold next to nothing. With spherical
         aberration sixteen are four: the weights of outer parts would turn with the sign of r.
 
         Raises:
@@ -291,6 +282,15 @@ class Aperture:
 def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
     x, y = aperture.first_moments(_CENTROID_RADIUS, part)
     return x / _CENTROID_RADIUS, y / _CENTROID_RADIUS
+
+
+@lru_cache(maxsize=256)
+def _share_seen(aperture: Aperture, part: Part) -> float:
+    """The share of the light of the pupil that a photodiode gets."""
+    r, size = torch.tensor(_CENTROID_RADIUS, dtype=torch.float64), 2 * int(_CENTROID_RADIUS) + 1
+    corners = torch.arange(size + 1, dtype=r.dtype) - size / 2
+    seen = part.counted(corners / r, aperture.narrowing)
+    return float((aperture.kernel(r, size) * seen).sum()) / 2
 
 
 def _is(value: Scalar, number: float) -> bool:

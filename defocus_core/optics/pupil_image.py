@@ -90,6 +90,25 @@ class PupilImage(Outline):
     def __hash__(self) -> int:
         return hash(self._key)
 
+    @classmethod
+    def placed(cls, picture: Tensor, middle: tuple[float, float], radius: float) -> PupilImage:
+        """A picture [H, W] as it is: its px x and y in the middle of the lens, and its radius."""
+        image = object.__new__(cls)
+        image._key = (tuple(picture.shape), blake2b(picture.numpy().tobytes()).digest())
+        image._sums = torch.nn.functional.pad(picture, (1, 0, 1, 0)).cumsum(0).cumsum(1)
+        image._about(middle, radius)
+        return image
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """The px, x and y, of the middle of the lens."""
+        return self._middle
+
+    @property
+    def radius(self) -> float:
+        """The radius of the lens in px."""
+        return self._radius
+
     @property
     def light(self) -> float:
         """The sum of the picture."""
