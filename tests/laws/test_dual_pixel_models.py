@@ -135,7 +135,7 @@ def test_a_point_is_what_the_photodiodes_were_measured_to_see(r: float) -> None:
         seen = view[0, 24:57, 24:57].double()
         expected = (kernel if r > 0 else kernel.flip(0, 1)) / left.sum()
         pair = torch.stack([seen.flatten(), expected.flatten()])
-        assert float(torch.corrcoef(pair)[0, 1]) > 0.999
+        assert float(torch.corrcoef(pair)[0, 1]) > 0.998
     apart = centroid(views.right) - centroid(views.left)
     at = torch.arange(33, dtype=torch.float64)
     expected = float((right.sum(0) @ at) / right.sum() - (left.sum(0) @ at) / left.sum())
