@@ -40,7 +40,7 @@ from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
 from defocus_core.optics.pupil_field import PupilField
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.optics.sensitivity import sensitivities
+from defocus_core.optics.sensitivity import Sensitivity, sensitivities
 from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render, render_layers
@@ -80,6 +80,7 @@ __all__ = [
     "PupilImage",
     "RandomDefocus",
     "Scenery",
+    "Sensitivity",
     "Setting",
     "Settings",
     "Stream",
