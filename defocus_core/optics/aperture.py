@@ -200,6 +200,8 @@ class Aperture:
         x, y = part.clamp(u, u)
         outline = self._shaped(view.outline) if isinstance(view, PupilMix) else self.outline
         light = outline.areas(x, y)
+        # a grey pixel of a picture is no border
+        areas = light if self.image is None else torch.full_like(light, torch.inf)
         if self.psf_type == "gaussian":
             light = light * gaussian(u)
         if not _is(self.spherical, 0.0):
@@ -208,9 +210,7 @@ class Aperture:
             light = light * part.counted(u, self.narrowing)
         if not isinstance(view, Rim):
             return light
-        opening = Squeezed(view.outline, *self.narrowing).areas(x, y)
-        whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
-        return light * torch.where(whole > 0, opening / torch.where(whole > 0, whole, 1.0), 0.0)
+        return light * view.left_open(areas, x, y, self.narrowing)
 
     def _live_area(self, part: Part) -> Scalar:
         """The area of a part, through which gradients flow to the attributes."""

@@ -6,10 +6,12 @@ mixed, bilinear in the place; beyond the outer ones it stays.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -94,6 +96,16 @@ class PupilMix(NamedTuple):
         """Their openings, mixed."""
         return _Mixed(tuple(self.field.pupils), self.weights)
 
+    @property
+    def points(self) -> int:
+        """The number of points that see them."""
+        return math.prod(self.weights.shape[:-1])
+
+    @classmethod
+    def joined(cls, mixes: Sequence[PupilMix]) -> PupilMix:
+        """Mixes of one field as one, as so many points see it."""
+        return cls(mixes[0].field, torch.stack([mix.weights for mix in mixes]))
+
     def of(self, which: Tensor | slice) -> PupilMix:
         """The mix as the points of these indices see it."""
         return self._replace(weights=self.weights[which])
@@ -101,6 +113,12 @@ class PupilMix(NamedTuple):
 
 # The pupil as points of the frame see it: clipped by a rim, or mixed.
 View = Rim | PupilMix
+
+
+def joined(views: Sequence[Any]) -> View:
+    """Views of one kind as one, as so many points see it."""
+    view: View = type(views[0]).joined(views)
+    return view
 
 
 @dataclass(frozen=True)
