@@ -77,7 +77,7 @@ def command(
                    the pattern, the numbers that are there, and those missing
       sizes        size, and the frames of this size
       depth        of 25 frames at most, evenly spread: frame, range_m, sky_pixels,
-                   coc_px and repair, null without a lens
+                   focus_mm, coc_px and repair, null without a lens
       largest_blur frame and coc_px; null without a lens
     "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
       color, depth the files

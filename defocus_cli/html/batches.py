@@ -17,11 +17,13 @@ from defocus_cli.dataset import card_tables
 from defocus_cli.dataset.card import card_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.html.budget import values_room
+from defocus_cli.html.depth_over_time import depth_of_frame
 from defocus_cli.html.item import Column, Item, Layer, Report, Table
 from defocus_cli.html.layers import WHOLE, window_of, with_values
 from defocus_cli.html.page import write_report
 from defocus_cli.html.render_command import render_command
 from defocus_cli.html.sample_layers import drawn_files, is_view, wiggle_of
+from defocus_cli.jobs.job import FRAME_ROLE
 from defocus_cli.journal.journal import Record, read_all, require_journal
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.lenses.lens import lens_record_words
@@ -124,6 +126,7 @@ def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
         commands=[("Render again", command)] if command else [],
         layers=layers,
         wiggle=wiggle_of(layers),
+        depth=depth_of_frame(record) if is_done else None,
     )
 
 
@@ -147,4 +150,5 @@ def _facts(record: Record) -> Iterator[tuple[str, str]]:
         yield "Quality", f"{record['quality']}, {record['device']}"
     entries: dict[str, Any] = {**record["inputs"], **record["outputs"]}
     for name, stamp in entries.items():
-        yield name, stamp["path"]
+        if not name.startswith(FRAME_ROLE):  # other frames of a shot
+            yield name, stamp["path"]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from defocus_cli.html.depth_over_time import FrameDepth
+
 # Kinds of layer: light is shown as a screen shows it, with an exposure; a signed map is orange
 # below 0 and blue above; a share is from 0 to 1; another map is grey from its least to its greatest
 # value.
@@ -77,6 +79,7 @@ class Item:
         wiggle: keys of the left and the right view; empty if there are none.
         full: the difference of the hottest colour.
         place: column and row of the worst pixel.
+        depth: of a frame of a shot, to be drawn over time.
     """
 
     name: str
@@ -91,6 +94,7 @@ class Item:
     wiggle: tuple[str, ...] = ()
     full: float = 1.0
     place: tuple[int, int] | None = None
+    depth: FrameDepth | None = None
 
 
 @dataclass(frozen=True)

@@ -153,6 +153,7 @@ def _item(item: Item, payloads: _Payloads) -> dict[str, Any]:
         "wiggle": list(item.wiggle),
         "full": item.full,
         "place": item.place,
+        "depth": item.depth and {**item.depth._asdict(), "shot": printable(item.depth.shot)},
     }
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
+_SHARES = 32  # of the pixels of a frame, between quantiles of their disparity
 # Keys of the measures, in the order of the table of a card.
 MEASURES = (*RADII, "clipped_share", "invented_share")
 
@@ -30,7 +31,8 @@ def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
         ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
         pixels that hold something; ``clipped_share`` of the pixels that are white in a colour, not
         of EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens
-        saw what the picture holds; None where nothing is known.
+        saw what the picture holds; None where nothing is known. Of a frame of a shot whose depth is
+        in metres ``depth_over_time``, too, see `_over_time`.
     """
     nothing = None if rendering.nothing is None else evenly(rendering.nothing)
     pixels = outcome.stats.get("pixels", 0)
@@ -39,6 +41,28 @@ def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
         **radius_measures(evenly(rendering.radius), nothing),
         "clipped_share": _clipped(rendering),
         "invented_share": None if invented is None or not pixels else invented / pixels,
+        **_over_time(rendering, outcome),
+    }
+
+
+def _over_time(rendering: Rendering, outcome: Outcome) -> dict[str, Any]:
+    """The number of a frame, and ascending quantiles of its disparity in 1/m, from 0 to 100 %."""
+    import numpy as np
+
+    frame = outcome.job.picture.frame
+    if frame is None or rendering.metres is None:
+        return {}
+    metres = evenly(rendering.metres).astype("float64")
+    if rendering.nothing is not None:
+        metres = metres[~evenly(rendering.nothing)]
+    if not metres.size:
+        return {}
+    quantiles = np.quantile(1 / metres, np.linspace(0, 1, _SHARES + 1))
+    return {
+        "depth_over_time": {
+            "frame": frame,
+            "disparity": [float(f"{each:.5g}") for each in quantiles],
+        }
     }
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from defocus_cli.jobs.job import Picture, Reading
 from defocus_cli.jobs.shot_lenses import ShotLenses
 from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.quantities import length_text
 from defocus_cli.reports.inspection import inspect
 from defocus_cli.shots.frame_patterns import frames_of, gaps, in_words
 
@@ -63,7 +64,8 @@ def _summary(
         if found is None:
             break
         shown = {key: found[key] for key in ("range_m", "sky_pixels", "coc_px", "repair")}
-        depth.append({"frame": number, **shown})
+        focus = found["lens"] and found["lens"]["focus_mm"]
+        depth.append({"frame": number, "focus_mm": focus, **shown})
     blurred = [each for each in depth if each["coc_px"]]
     largest = max(blurred, key=lambda each: max(map(abs, each["coc_px"])), default=None)
     return {
@@ -92,8 +94,9 @@ def lines(record: Mapping[str, Any]) -> Iterator[str]:
     for each in record["depth"]:
         ends = each["range_m"]
         reach = f"{ends[0]:.4g} m to {ends[1]:.4g} m" if ends else "no finite depth"
+        focus = each["focus_mm"] and f"focus {length_text(float(each['focus_mm']))}"
         blur = "CoC {:.2f} to {:.2f} px".format(*each["coc_px"]) if each["coc_px"] else ""
-        yield f"  {each['frame']}: {', '.join(filter(None, (reach, blur, each['repair'])))}"
+        yield f"  {each['frame']}: {', '.join(filter(None, (reach, focus, blur, each['repair'])))}"
     if record["largest_blur"]:
         radius = max(map(abs, record["largest_blur"]["coc_px"]))
         yield f"  blur is largest in {record['largest_blur']['frame']}: {radius:.2f} px"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -18,6 +20,22 @@ from defocus_core.images.box import Box
 
 # Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
 _NEGLIGIBLE = 0.05
+# Share of the aperture that is too small to see anything through.
+_LEAST_ROOM = 1e-4
+
+
+class Aside(NamedTuple):
+    """Surfaces that were set aside.
+
+    Attributes:
+        fronts: For each group [m, C + 1, h, w], all that was composited.
+        covered: For each group the coverage [m, 1, h, w] that the composition went on with.
+        invented: As that of `Fronts`.
+    """
+
+    fronts: list[Tensor]
+    covered: list[Tensor]
+    invented: Tensor | None
 
 
 class Fronts:
@@ -77,6 +95,39 @@ class Fronts:
             front = self.by_group[group]
             self.by_group[group], moved = add_known(front, *layers, closed=closed)
             self.moved = self.moved if moved is None else moved
+
+    def coverage(self) -> list[Tensor]:
+        """A copy of the coverage [m, 1, h, w] of each group."""
+        return [front[:, -1:].clone() for front in self.by_group]
+
+    def set_aside(self, near: list[Tensor]) -> Aside:
+        """Go on as if the surfaces nearer than focus were not there, up to `put_together`.
+
+        Args:
+            near: The coverage [m, 1, h, w] of these for each group.
+        """
+        aside = Aside(self.by_group, [], self.invented)
+        self.by_group, self.invented = [], None
+        for front, own, most in zip(aside.fronts, near, self._full, strict=True):
+            full = torch.as_tensor(most).to(front)
+            # where these cover all, nothing is seen behind: as if it were full
+            ends = front[:, -1:] > full - _LEAST_ROOM
+            covered = torch.where(ends, full, front[:, -1:] - own)
+            aside.covered.append(covered)
+            self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
+        return aside
+
+    def put_together(self, aside: Aside) -> None:
+        """Put the surfaces that were set aside before those composited since."""
+        before, self.invented, since = aside.invented, aside.invented, self.invented
+        for group, (front, covered) in enumerate(zip(aside.fronts, aside.covered, strict=True)):
+            color, coverage = self.by_group[group].tensor_split([-1], 1)
+            layer = torch.cat([color, coverage - covered], 1)
+            share = share_behind(front, layer, self._full[group])
+            self.by_group[group] = torch.addcmul(front, layer, share)
+            if group == 0 and since is not None:
+                more = since * share[:, 0]
+                self.invented = more if before is None else before + more
 
     def are_full(self, *, known: bool) -> bool:
         """Whether no gap is left that a hidden surface, known or invented, may fill."""

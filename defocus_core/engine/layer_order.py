@@ -4,6 +4,11 @@ Visible surfaces come first, for they are known; and their share is right in the
 out of focus cover each other by chance. But a surface in focus occludes exactly: where it goes on
 behind a nearer one, nothing beyond focus shows. So does a surface that is much less blurred than
 the one beyond it.
+
+A surface nearer than focus and one beyond it are no such pair. At the edge of a near surface the
+lens points that it covers are those that see the visible part of the far one: what shows beside it
+is the part that it hides. So all that lies beyond focus is put together as if the near surfaces
+were not there, what they hide included, and shows in proportion where these leave a gap.
 """
 
 from __future__ import annotations
@@ -49,8 +54,12 @@ def add_in_order(
         fronts.add([{n: layers[n] for n in layers if n in numbers} for layers in visible])
 
     numbers = {number for layers in visible for number in layers}
-    show({number for number in numbers if number < turns.beyond})
+    near = {number for number in numbers if number < turns.around}
+    show(near)
+    covered = fronts.coverage() if near and (hidden or max(numbers) >= turns.beyond) else None
+    show({number for number in numbers - near if number < turns.beyond})
     fill(0)
+    aside = None if covered is None else fronts.set_aside(covered)
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     beyond = {number for number in numbers if number >= turns.beyond} | set(turns.ahead.values())
     for number in sorted(beyond):
@@ -60,4 +69,6 @@ def add_in_order(
     for surface in hidden:
         if not fronts.are_full(known=surface.known):
             fronts.fill(over_tile(surface).whole(), known=surface.known)
+    if aside is not None:
+        fronts.put_together(aside)
     return list(blurred)

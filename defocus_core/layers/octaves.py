@@ -23,12 +23,14 @@ class Turns(NamedTuple):
     """The places of hidden octaves in the order of visible layers.
 
     Attributes:
+        around: Number of the first visible layer that is not blurred nearer than focus.
         beyond: Number of the first visible layer beyond focus; greater than all numbers if there
             is none.
         ahead: For each hidden octave, nearest first, the number of the first visible layer that
             comes after it. Octaves that come before no visible layer are absent.
     """
 
+    around: int
     beyond: int
     ahead: dict[int, int]
 
@@ -51,7 +53,9 @@ def turns(radii: tuple[float, ...], numbers: list[int]) -> Turns:
         later = [number for number, r in least.items() if r >= _MORE * most]
         if later:
             ahead[octave] = min(later)
-    return Turns(min(least, default=len(radii)), ahead)
+    around = sum(r <= -ALONE for r in radii)
+    first = numbers[around] if around < len(radii) else len(radii)
+    return Turns(first, min(least, default=len(radii)), ahead)
 
 
 def kept_apart(radii: tuple[float, ...], ahead: dict[int, int]) -> list[int]:

@@ -239,8 +239,8 @@ def test_a_shot_is_summed_up(tmp_path: Path) -> None:
     assert f"{color}: 5 frames, 1001-1005; no gaps" in ran.out
     assert f"{depth}: 4 frames, 1001-1003, 1005; 1 frame, 1004 missing" in ran.out
     assert "size changes: 24x16 in 4 frames, 1001-1002, 1004-1005; 12x8 in 1 frame, 1003" in ran.out
-    assert "  1001: 1 m to 4 m, CoC " in ran.out
-    assert "  1005: 1.4 m to 4.4 m, CoC " in ran.out
+    assert "  1001: 1 m to 4 m, focus 2m, CoC " in ran.out
+    assert "  1005: 1.4 m to 4.4 m, focus 2m, CoC " in ran.out
     assert "blur is largest in 1005: " in ran.out
     of_color, of_depth = run(*words, "--json").json["shots"]
     assert of_depth["gaps"] == [1004]
@@ -249,3 +249,5 @@ def test_a_shot_is_summed_up(tmp_path: Path) -> None:
     bare = run("info", depth, "--json").json["shots"][0]
     assert bare["largest_blur"] is None
     assert [each["frame"] for each in bare["depth"]] == [1001, 1002, 1003, 1005]
+    assert {each["focus_mm"] for each in bare["depth"]} == {None}
+    assert {each["focus_mm"] for each in of_depth["depth"]} == {2000}

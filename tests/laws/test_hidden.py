@@ -30,6 +30,18 @@ def test_what_is_known_behind_a_card_comes_closer_to_the_truth(
         assert psnr(known, truth) > psnr(guessed, truth) + gain
 
 
+@pytest.mark.parametrize(("card_r", "background_r", "least"), [(-5.0, 6.0, 38), (-9.0, 3.0, 31)])
+def test_beside_a_near_card_shows_what_it_hides_before_what_lies_beyond_focus(
+    card_r: float, background_r: float, least: float
+) -> None:
+    # the half of the lens that sees past the card looks behind it; 35.1 and 28.9 dB if all that is
+    # visible beyond focus comes first
+    image, radius = flatten(card_layers(card_r, background_r), SIZE)
+    truth = inner(truths(card_r, background_r, False)[0], BORDER)
+    known = render(image, radius, hidden=behind(card_r, background_r)).render
+    assert psnr(inner(known, BORDER), truth) > least
+
+
 def test_with_the_hidden_surface_known_quality_is_bought_with_parts_of_the_aperture() -> None:
     image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
     truth = inner(truths(-5.0, 6.0, False)[0], BORDER)
