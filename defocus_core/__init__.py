@@ -31,7 +31,7 @@ from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
 from defocus_core.fitting.matched_blur import MatchedBlur, fnum_of_strength, matched_blur
 from defocus_core.fitting.pair import Fit, fit
-from defocus_core.images.clipped_lights import AUTO_LIGHTS, with_lights
+from defocus_core.images.clipped_lights import AUTO_LIGHTS, ClippedLights, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
@@ -45,7 +45,9 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import color_offset
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
+from defocus_core.optics.pupil_field import PupilField
 from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.optics.sensitivity import Sensitivity, sensitivities
 from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.random_lens import Lenses, RandomDefocus
 from defocus_core.render import render, render_layers
@@ -68,6 +70,7 @@ __all__ = [
     "Behind",
     "CatEye",
     "Check",
+    "ClippedLights",
     "Cost",
     "DefocusLens",
     "DepthRepair",
@@ -82,9 +85,11 @@ __all__ = [
     "Lenses",
     "MatchedBlur",
     "Pixels",
+    "PupilField",
     "PupilImage",
     "RandomDefocus",
     "Scenery",
+    "Sensitivity",
     "Setting",
     "Settings",
     "Stream",
@@ -119,6 +124,7 @@ __all__ = [
     "rises",
     "scenery",
     "seen_behind",
+    "sensitivities",
     "temporal_mean",
     "verify",
     "with_lights",

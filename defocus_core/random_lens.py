@@ -19,18 +19,25 @@ from defocus_core.engine.settings import Settings
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.views import Views, batch
 from defocus_core.lens import DefocusLens
-from defocus_core.optics.aperture import Aperture
+from defocus_core.lens_options import (
+    OPTIONS,
+    Option,
+    aperture_with,
+    check_option,
+    check_rim,
+    lens_with,
+    rim_with,
+)
+from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.render import render
 from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import bad_depth, depth_maps, described, number, positive
+from defocus_core.runtime.validation import bad_depth, depth_maps, described, positive
 
-Option = float | Distribution
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))
 _FNUM = Distribution("loguniform", (1.4, 16.0))
 _FOC_DIST = Distribution("percentile", (5.0, 95.0))
 _BLADES = Distribution("choice", (0, 5, 6, 7, 8, 9))
 _ROTATION = Distribution("uniform", (0.0, 360.0))
-_OPTIONS = ("foclen", "fnum", "foc_dist", "blades", "blade_rotation", "sensor_width")
 
 
 class Lenses(NamedTuple):
@@ -44,6 +51,13 @@ class Lenses(NamedTuple):
         blades: Blades of the aperture, 0 for a round one.
         blade_rotation: Angle of a blade's vertex in degrees.
         sensor_width: Widths of the sensor in mm.
+        curvature: Curvatures of the blades, 0 without any.
+        obstruction: Opaque shares of the radius.
+        spherical: Spherical aberrations.
+        squeeze: Squeezes.
+        rim_size: Radii of the rim of the barrel, in radii of the pupil.
+        rim_shift: How far the rim is off the pupil in the corners, in these radii.
+        crosstalk: Shares of the light that go to the other photodiode.
     """
 
     signed_radius: Tensor
@@ -53,6 +67,13 @@ class Lenses(NamedTuple):
     blades: Tensor
     blade_rotation: Tensor
     sensor_width: Tensor
+    curvature: Tensor
+    obstruction: Tensor
+    spherical: Tensor
+    squeeze: Tensor
+    rim_size: Tensor
+    rim_shift: Tensor
+    crosstalk: Tensor
 
 
 class RandomDefocus(torch.nn.Module):
@@ -71,6 +92,13 @@ class RandomDefocus(torch.nn.Module):
         blades: Option = _BLADES,
         blade_rotation: Option = _ROTATION,
         sensor_width: Option = 36.0,
+        curvature: Option = 0.0,
+        obstruction: Option = 0.0,
+        spherical: Option = 0.0,
+        squeeze: Option = 1.0,
+        rim_size: Option = 1.0,
+        rim_shift: Option = 0.0,
+        crosstalk: Option = 0.0,
         max_radius: float | None = None,
         left_right: bool = False,
         quality: str = "standard",
@@ -87,6 +115,13 @@ class RandomDefocus(torch.nn.Module):
             blades: Number of blades; 0 is a round aperture. Drawn by "choice".
             blade_rotation: Angle of a blade's vertex in degrees.
             sensor_width: Width of the sensor in mm.
+            curvature: Curvature of the blades, as of an `Aperture`; nothing without blades.
+            obstruction: As of an `Aperture`.
+            spherical: As of an `Aperture`.
+            squeeze: As of an `Aperture`.
+            rim_size: Radius of the rim of the barrel, as `size` of a `CatEye`.
+            rim_shift: As `shift` of a `CatEye`. 1 and 0 are no rim.
+            crosstalk: As of a `DualPixel`.
             max_radius: Greatest radius of the blur in px: a lens that exceeds it is drawn again.
                 None for no bound.
             left_right: Whether to return the dual-pixel pair too.
@@ -104,6 +139,13 @@ class RandomDefocus(torch.nn.Module):
         self.blades = blades
         self.blade_rotation = blade_rotation
         self.sensor_width = sensor_width
+        self.curvature = curvature
+        self.obstruction = obstruction
+        self.spherical = spherical
+        self.squeeze = squeeze
+        self.rim_size = rim_size
+        self.rim_shift = rim_shift
+        self.crosstalk = crosstalk
         self.max_radius = max_radius
         self.left_right = left_right
         self.quality = quality
@@ -113,8 +155,9 @@ class RandomDefocus(torch.nn.Module):
 
     def _check(self) -> None:
         """Check all options, which may have been set anew."""
-        for name in _OPTIONS:
-            _check_option(name, getattr(self, name))
+        for name in OPTIONS:
+            check_option(name, getattr(self, name))
+        check_rim(self.rim_size, self.rim_shift)
         if self.max_radius is not None:
             self.max_radius = positive("max_radius", self.max_radius, "None is no bound")
         Settings(
@@ -126,7 +169,7 @@ class RandomDefocus(torch.nn.Module):
 
     def extra_repr(self) -> str:
         """The options by name, for the module's repr."""
-        names = (*_OPTIONS, "max_radius", "left_right", "quality", "depth_repair", "threads")
+        names = (*OPTIONS, "max_radius", "left_right", "quality", "depth_repair", "threads")
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
     def forward(
@@ -165,7 +208,9 @@ class RandomDefocus(torch.nn.Module):
                 render(
                     pixels,
                     radii[-1],
-                    aperture=Aperture(options["blades"], options["blade_rotation"]),
+                    aperture=aperture_with(options),
+                    dual_pixel=DualPixel(crosstalk=options["crosstalk"]),
+                    cat_eye=rim_with(options),
                     quality=self.quality,
                     left_right=self.left_right,
                     threads=self.threads,
@@ -177,18 +222,19 @@ class RandomDefocus(torch.nn.Module):
             name: torch.tensor(
                 [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"
             )
-            for name in _OPTIONS
+            for name in OPTIONS
         }
         return batch(views), Lenses(torch.stack(radii)[:, None], **columns)
 
     def _draw(self, depth: Tensor, seed: int) -> tuple[dict[str, Any], DefocusLens]:
         """The first lens drawn by a seed that suits a depth map [H, W], and its options by name."""
-        choices = {name: getattr(self, name) for name in _OPTIONS}
+        choices = {name: getattr(self, name) for name in OPTIONS}
         depth = depth.detach()
         extremes = torch.stack([depth.min(), depth.max()]).double()[None]
         problem = ""
         for attempt in range(ATTEMPTS):
             options = drawn(choices, seed, attempt)
+            options["curvature"] *= bool(options["blades"])
             if getattr(self.foc_dist, "kind", "") == "percentile":
                 foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
                 options["foc_dist"] = math.inf if foc_dist is None else foc_dist
@@ -198,7 +244,7 @@ class RandomDefocus(torch.nn.Module):
                     f"{options['foc_dist']:g} mm for {options['foclen']:g} mm"
                 )
                 continue
-            lens = _lens_with(options, depth.shape)
+            lens = lens_with(options, depth.shape)
             radius = float(lens.signed_radius(extremes).abs().max())
             if self.max_radius is None or radius <= self.max_radius:
                 return options, lens
@@ -207,31 +253,6 @@ class RandomDefocus(torch.nn.Module):
             f"{problem} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is in mm, "
             f"and drawn are {self.extra_repr()}"
         )
-
-
-def _check_option(name: str, option: Option) -> None:
-    """Check each value that an option of a lens may have."""
-    kind = option.kind if isinstance(option, Distribution) else "number"
-    if kind in ("disparity", "percentile") and name != "foc_dist":
-        raise ValueError(f"{name} must not be drawn from a {kind}; it is for foc_dist only")
-    if name == "blades" and kind not in ("number", "choice"):
-        raise ValueError(f"blades must be whole numbers, got {option}; draw them by choice")
-    for value in option.values if isinstance(option, Distribution) else (option,):
-        if name == "blades":
-            Aperture(value)
-        elif name == "blade_rotation":
-            number(name, value, "in degrees, or a Distribution")
-        elif kind != "percentile" and not (name == "foc_dist" and value == math.inf):
-            positive(name, value, "in mm, or a Distribution")
-
-
-def _lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
-    """The lens of drawn options before a sensor of (height, width) px."""
-    height, width = size
-    sensor = (options["sensor_width"], options["sensor_width"] * height / width)
-    lens = DefocusLens(options["foclen"], options["fnum"], sensor, (width, height), "cpu")
-    lens.refocus(options["foc_dist"])
-    return lens
 
 
 def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:

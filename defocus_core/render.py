@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from defocus_core.engine.picture import Picture
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.engine.picture import Picture, repaired_once
 from defocus_core.engine.region_schedule import assembled
 from defocus_core.engine.settings import Settings
 from defocus_core.images.views import Views, batch, of_channels
@@ -117,6 +118,9 @@ def render(
     offsets = apart(color_offsets, pictures.shape[1])
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
+        repair = None
+        if len(offsets) > 1:  # once for all colours
+            radius, repair = repaired_once(radius, pixels, settings)
         colors = [
             _rendered(
                 pixels if len(offsets) == 1 else pixels[c],
@@ -124,6 +128,7 @@ def render(
                 settings,
                 known and known.of_channels(c, px),
                 progress,
+                repair,
             )
             for c, px in offsets
         ]
@@ -137,10 +142,11 @@ def _rendered(
     settings: Settings,
     known: Behind | None,
     progress: Callable[[int, int], None] | None,
+    repair: DepthRepair | None = None,
 ) -> Views:
-    """One picture, or one channel of it."""
+    """One picture, or one channel of it, whose radii may be repaired already."""
     with own_modes(pixels.device):
-        picture = Picture(pixels, radius, settings, known)
+        picture = Picture(pixels, radius, settings, known, repair=repair)
         return assembled(picture.frame, pixels, picture.parts(progress=progress))
 
 

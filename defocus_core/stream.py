@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 
 import torch
 
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import total
 from defocus_core.engine.settings import STANDARD, Settings
@@ -31,6 +32,7 @@ class Stream(Picture):
         hidden: Behind | None = None,
         *,
         layered: Layered | None = None,
+        repair: DepthRepair | None = None,
         hold: bool = False,
     ) -> None:
         """Repair the depth, and prepare the frame.
@@ -42,6 +44,7 @@ class Stream(Picture):
             hidden: The known layer behind the visible surface.
             layered: The layers of which `image`, with alpha, is the `picture` in focus and
                 `signed_radius` the `nearest` radius; the regions have alpha, too.
+            repair: The repair by which `repair_depth` made the radii; None to repair them here.
             hold: Whether there is room for repaired radii and the cells of a draft, together two
                 thirds of the picture in float32; without room those of a large picture are computed
                 anew for each window.
@@ -71,7 +74,9 @@ class Stream(Picture):
         self._dtype = torch.promote_types(image.dtype, torch.float32)
         self._counts: list[dict[str, int]] = []
         with torch.no_grad(), own_modes(image.device):
-            super().__init__(image, signed_radius, settings, known, layered=layered, hold=hold)
+            super().__init__(
+                image, signed_radius, settings, known, layered=layered, repair=repair, hold=hold
+            )
 
     def regions(
         self,

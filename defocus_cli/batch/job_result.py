@@ -14,13 +14,14 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.depth.repair import repair_record
 from defocus_cli.jobs.job import Job
 from defocus_cli.journal import identity
 from defocus_cli.journal.reasons import Step, verdict
-from defocus_cli.lenses.lens import lens_record
+from defocus_cli.lenses.lens import LENS_FILES, lens_record
 from defocus_cli.rendering import delivery, job_steps
 from defocus_cli.rendering.measures import measures
 
@@ -74,20 +75,29 @@ class Reader:
         """Decode the inputs of a job."""
         key = (job.picture, job.reading, job.lens_focal, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
-            return replace(self._last[1], job=job, seconds=0.0)
+            ready = self._last[1]
+            shared = {role: stamp for role, stamp in ready.inputs.items() if role in job.files}
+            own = {role: path for role, path in job.files.items() if role in LENS_FILES}
+            return replace(ready, job=job, inputs=shared | _stamps(own), seconds=0.0)
         self._last = None  # free a picture before the next is decoded
         start = time.perf_counter()
-        stamps: dict[str, Any] = {}
+        stamps = _stamps(job.files)
         try:
-            for role, path in job.files.items():
-                with suppress(OSError):  # the decoder reports it
-                    stamps[role] = identity.settled_stamp(path)
             loaded = job_steps.load_inputs(job)
         except Exception as error:
             return Ready(job, None, stamps, 0.0, failure(error, "read", stamps))
         ready = Ready(job, loaded, stamps, time.perf_counter() - start)
         self._last = key, ready
         return ready
+
+
+def _stamps(files: Mapping[str, Path]) -> dict[str, Any]:
+    """The stamps of files by role; what cannot be read is reported by its decoder."""
+    stamps: dict[str, Any] = {}
+    for role, path in files.items():
+        with suppress(OSError):
+            stamps[role] = identity.settled_stamp(path)
+    return stamps
 
 
 def compute(ready: Ready, progress: TileCount | None = None) -> Computed | Result:

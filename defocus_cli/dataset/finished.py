@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_cli.dataset.sample_index import NAME
-from defocus_cli.lenses.lens import EFFECTS, Lens
+from defocus_cli.lenses.lens import EFFECTS, LENS_FILES, Lens
 from defocus_cli.lenses.quantities import distances, highlights, noise, rim, shifts
 from defocus_cli.system.errors import InputError, reason
 
@@ -74,7 +74,7 @@ def _sample(root: Path, line: str, where: str) -> Sample:
             sample_id=record["sample_id"],
             files={kind: root / path for kind, path in record["outputs"].items()},
             inputs={role: root / path for role, path in record["inputs"].items()},
-            lens=_lens(record["lens"], record["inputs"].get("aperture_image")),
+            lens=_lens(record["lens"], record["inputs"]),
             size=(record["width"], record["height"]),
             coc_px=(record["coc_min_px"], record["coc_max_px"]),
             quality=record["quality"],
@@ -85,11 +85,10 @@ def _sample(root: Path, line: str, where: str) -> Sample:
         raise InputError(where, problem, "let the batch write it again") from None
 
 
-def _lens(entry: Mapping[str, Any], aperture_image: str | None) -> Lens:
+def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:
     shape = {"blades": entry["blades"], "blade_rotation": entry["blade_rotation_deg"]}
     shape |= {name: entry[name] for name in EFFECTS if name in entry}
-    if aperture_image is not None:
-        shape["aperture_image"] = Path(aperture_image)
+    shape |= {name: Path(inputs[name]) for name in LENS_FILES if name in inputs}
     if "axial_color" in shape:
         shape["axial_color"] = shifts(shape["axial_color"])
     if "cat_eye" in shape:

@@ -13,7 +13,7 @@ from defocus_cli.system.console import counted
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
-    from defocus_core import Layered, Views
+    from defocus_core import Layered, Pixels
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,6 @@ class Layers:
         """How many layers there are, and what was merged, for people."""
         merged = f", more in {counted(self.merged, 'pixel')} merged" if self.merged else ""
         return f"deep, {counted(len(self.alpha), 'sample')} a pixel at most{merged}"
-
-    def in_order(self, part: Views) -> Views:
-        """A rendered part with alpha behind the colours, before the passes."""
-        count = len(self.light[0]) - self.held_out
-        order = [*range(self.colors), count, *range(self.colors, count)]
-        if order == [*range(part.render.shape[0])]:
-            return part
-        return part._replace(images=[image[order] for image in part.images])
 
     def before(self, plate: Layers) -> Layers:
         """These layers and those of a plate behind them."""
@@ -80,18 +72,16 @@ def flat_layer(color: Color, depth: Depth) -> Layers:
     return Layers((light,), (coverage,), (replace(depth, nothing=None),), len(color.light))
 
 
-def layered(layers: Layers, radii: Sequence[Any], device: str) -> Layered:
+def layered(lights: Sequence[Pixels], layers: Layers, radii: Sequence[Any], device: str) -> Layered:
     """The layers as the renderer takes them.
 
     Args:
+        lights: of each layer its light [C, H, W].
         layers: of a deep picture.
         radii: of each layer the signed radii [H, W] in px.
         device: cpu or cuda.
     """
     from defocus_core import Layered
 
-    return Layered.of(
-        LayerWindows([Windows(light, device) for light in layers.light]),
-        Windows(radii, device),
-        Windows(layers.alpha, device),
-    )
+    radius, coverage = Windows(radii, device), Windows(layers.alpha, device)
+    return Layered.of(LayerWindows(lights), radius, coverage)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from defocus_cli.system.errors import InputError
 if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.formats.color import Color
-    from defocus_core import DepthRepair, Layered, Settings, Views
+    from defocus_core import DepthRepair, Layered, Pixels, Settings
 
     Reader = Callable[[Picture, Reading, Overscan], tuple[Color, Depth]]
 
@@ -128,24 +128,26 @@ def _checked(element: Color, plate: Plate) -> Plate:
 
 
 def layers_of(
-    element: Color, plate: Plate, radii: tuple[Any, Any], settings: Settings, device: str
+    lights: Sequence[Pixels],
+    pictures: tuple[Color, Color],
+    radii: tuple[Any, Any],
+    settings: Settings,
+    device: str,
 ) -> tuple[Layered, DepthRepair]:
     """The element before the plate, as layers with coverage, and the repair of its depth.
 
     The depth of each is repaired alone, as `render` would.
 
     Args:
-        element: the colour of the element.
-        plate: the plate.
+        lights: of both their light [C, H, W].
+        pictures: the colour of the element and of the plate.
         radii: signed CoC radii [H, W] of both.
         settings: of the render.
         device: where it is rendered.
     """
     from defocus_core import Layered, repair_depth
 
-    pictures = (element, plate.color)
-    size = element.planes[0].shape
-    lights = [(*c.light, *c.planes[len(c.channels) :]) for c in pictures]
+    size = pictures[0].planes[0].shape
     repaired = [
         repair_depth(
             Windows([radius], device, lone=True),
@@ -158,18 +160,11 @@ def layers_of(
         for color, radius in zip(pictures, radii, strict=True)
     ]
     layers = Layered.of(
-        LayerWindows([Windows(light, device) for light in lights]),
+        LayerWindows(lights),
         LayerWindows([radius for radius, _ in repaired]),
         Windows([Coverage(size, color.alpha) for color in pictures], device),
     )
     return layers, repaired[0][1]
-
-
-def alpha_behind_colors(part: Views, colors: int) -> Views:
-    """A rendered part, whose last channel is alpha, with alpha behind the colours."""
-    last = len(part.images[0]) - 1
-    order = [*range(colors), last, *range(colors, last)]
-    return part._replace(images=[image[order] for image in part.images])
 
 
 def nothing_of(element: Depth, plate: Plate) -> Any:

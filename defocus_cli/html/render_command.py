@@ -10,7 +10,7 @@ from defocus_cli.html.shell import command_line
 from defocus_cli.jobs.job import Machine
 from defocus_cli.journal.journal import Record
 from defocus_cli.journal.revived_jobs import input_place, revived
-from defocus_cli.lenses.lens import EFFECTS
+from defocus_cli.lenses.lens import EFFECTS, LENS_FILES
 from defocus_cli.system.errors import InputError
 
 OUT = "again"  # where the command writes
@@ -23,6 +23,7 @@ _LENS = {
     "focus_mm": ("--focus", "mm"),
     "blades": ("--blades", ""),
     "blade_rotation_deg": ("--blade-rotation", "deg"),
+    "dp_kernels": ("--dp-model", ""),
 }
 # What stands between two numbers of an effect, and the unit of each.
 _PAIRS = {"sharp_range": ("..", "mm"), "highlights": (":", ""), "noise": (":", "")}
@@ -47,8 +48,9 @@ def render_command(record: Record, out: Path) -> str:
         return ""
     settings, inputs = record["settings"], record["inputs"]
     lens = {**record["lens"], **{k: v for k, v in settings["lens"].items() if k in _PAIRS}}
-    if "aperture_image" in inputs:
-        lens["aperture_image"] = input_place(inputs["aperture_image"]["path"], out)
+    for name in LENS_FILES:
+        if name in inputs:
+            lens[name] = input_place(inputs[name]["path"], out)
     if settings.keys() - _SETTINGS or lens.keys() - _LENS.keys() - _CHOICE - EFFECTS.keys():
         return ""
     words: list[object] = ["defocus", "render", picture.color]
@@ -80,7 +82,9 @@ def _lens_words(lens: Mapping[str, Any]) -> list[object]:
 
 
 def _number(value: object, unit: str) -> str:
-    """A number of a record, exactly, with its unit; infinity has none."""
+    """A number of a record, exactly, with its unit; infinity has none, and a switch is on."""
+    if value is True:
+        return "on"
     return "inf" if value == "inf" else str(value).removesuffix(".0") + unit
 
 

@@ -182,8 +182,8 @@ class Job:
     def files(self) -> dict[str, Path]:
         """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
         files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
-        if self.lens.aperture_image is not None and self.outputs.need_rendering:
-            files["aperture_image"] = self.lens.aperture_image
+        if self.outputs.need_rendering:
+            files |= self.lens.files
         return files if self.shot is None else files | self.shot.files
 
     @property

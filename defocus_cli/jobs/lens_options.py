@@ -47,7 +47,7 @@ _ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
     "squeeze": (quantities.within(1, 4, "a squeeze", "like 2"), "squeeze"),
     "aperture-image": (quantities.file, "pupil"),
     "highlights": (quantities.highlights, "lights"),
-    "dp-model": (quantities.one_of(DUAL_PIXEL_MODELS, "a model of dual pixels"), "dp"),
+    "dp-model": (quantities.dual_pixel(DUAL_PIXEL_MODELS), "dp"),
     "dp-crosstalk": (quantities.within(0, 0.49, "a share of the light", "like 0.15"), "crosstalk"),
     "noise": (quantities.noise, "noise"),
     "noise-seed": (quantities.seed, "seed"),
@@ -193,12 +193,14 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
         vignetting=values.get("vignetting", Lens.vignetting),
         focus_percentile=percentile,
         focus_source=source,
-        **{field_of(name): values[name] for name in SHAPES if name in values},
+        **{field_of(name, values[name]): values[name] for name in SHAPES if name in values},
     )
 
 
-def field_of(name: str) -> str:
-    """The attribute of `Lens` that has the value of an option of its shape."""
+def field_of(name: str, value: object = None) -> str:
+    """The attribute of `Lens` that has a value of an option of its shape."""
+    if name == "dp-model" and isinstance(value, Path):
+        return "dp_kernels"
     return name.replace("-", "_")
 
 
@@ -222,7 +224,7 @@ def read_lens_file(file: Path) -> dict[str, str]:
 
 def based(name: str, text: str, file: Path) -> str:
     """The text of an option that stands in ``file``: paths are relative to its folder."""
-    return str(file.parent / text) if PARSERS[name] is quantities.file else text
+    return str(file.parent / text) if isinstance(parsed(name, text), Path) else text
 
 
 def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:

@@ -27,12 +27,13 @@ from typing import Any
 
 from defocus_cli.jobs.job import Job, Shot, Taken
 from defocus_cli.journal.plain_values import plain
+from defocus_cli.lenses.lens import LENS_FILES
 from defocus_cli.system.console import version
 
 DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
 Stamp = Mapping[str, Any]
-_PLACES = ("focus_source", "aperture_image")  # of a lens: where it stands, not what it is
+_PLACES = ("focus_source", *LENS_FILES)  # of a lens: where it stands, not what it is
 _MOST_STAMPS = 256
 _STAMPS: dict[tuple[object, ...], dict[str, Any]] = {}
 _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs

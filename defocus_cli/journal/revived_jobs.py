@@ -22,7 +22,7 @@ from defocus_cli.jobs.job import (
 from defocus_cli.journal.journal import Record
 from defocus_cli.journal.ledger import Ledger
 from defocus_cli.journal.plain_values import typed
-from defocus_cli.lenses.lens import Lens
+from defocus_cli.lenses.lens import LENS_FILES, Lens
 from defocus_cli.system.errors import InputError
 
 
@@ -74,10 +74,11 @@ def revived(record: Record, out: Path) -> Job:
 
 
 def _lens(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Lens:
-    """The lens, with the picture of its opening, which is among the inputs."""
+    """The lens, with its files, which are among the inputs."""
     lens: Lens = typed(Lens, asked)
-    image = inputs.get("aperture_image")
-    return replace(lens, aperture_image=input_place(image["path"], out)) if image else lens
+    recorded = {name: inputs[name]["path"] for name in LENS_FILES if name in inputs}
+    files: dict[str, Any] = {name: input_place(path, out) for name, path in recorded.items()}
+    return replace(lens, **files)
 
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:

@@ -11,6 +11,8 @@ from typing import Any
 from defocus_cli.lenses.quantities import Percentile, length_text
 
 DUAL_PIXEL_MODELS = ("split", "smooth")
+# Fields of files that a lens is made of.
+LENS_FILES = ("aperture_image", "dp_kernels")
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ class Lens:
     aperture_image: Path | None = None
     highlights: tuple[float, float] | None = None  # threshold in linear light, and gain
     dp_model: str = "split"
+    dp_kernels: Path | None = None  # what photodiodes see, instead of a model
     dp_crosstalk: float = 0.0
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
     noise_seed: int = 0
@@ -75,8 +78,8 @@ class Lens:
         """Its effects that are on, by the names of their fields: what a lens is without blades."""
         values = {name: getattr(self, name) for name in EFFECTS}
         effects = {name: value for name, value in values.items() if value != EFFECTS[name]}
-        if self.aperture_image is not None:
-            effects["aperture_image"] = self.aperture_image.name
+        for name, path in self.files.items():
+            effects[name] = path.name
         if self.sharp_range is not None:
             effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
         if self.axial_color is not None:
@@ -88,6 +91,12 @@ class Lens:
         if self.noise is not None:
             effects["noise"] = "{:g}:{:g}".format(*self.noise)
         return effects
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that it is made of, by the names of their fields."""
+        paths = {name: getattr(self, name) for name in LENS_FILES}
+        return {name: path for name, path in paths.items() if path is not None}
 
     @property
     def is_shape(self) -> bool:
@@ -102,7 +111,8 @@ EFFECTS = {
     if field.name
     in (
         *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image", "dp_model", "dp_crosstalk", "noise", "noise_seed", "highlights"),
+        *("aperture_image", "dp_model", "dp_kernels", "dp_crosstalk"),
+        *("noise", "noise_seed", "highlights"),
         *("cat_eye", "vignetting", "axial_color"),
     )
 }

@@ -165,6 +165,20 @@ def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
     return parse
 
 
+def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
+    """A parser of one of some models of dual pixels, or of the path of a file of kernels, NPY."""
+
+    def parse(text: str) -> str | Path:
+        if (word := text.strip().lower()) in models:
+            return word
+        if not word.endswith(".npy"):
+            remedy = f"write {' or '.join(models)}, or name a file of kernels, like pair.npy"
+            raise QuantityError(f"'{text}' is not a model of dual pixels", remedy)
+        return file(text)
+
+    return parse
+
+
 def highlights(text: str) -> tuple[float, float] | None:
     """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
     if (word := text.strip().lower()) in ("auto", "off"):

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from defocus_cli.formats.color_space import linear_to_srgb, quantised
 from defocus_cli.formats.kinds import DISPARITY_PER_RADIUS
@@ -15,13 +15,16 @@ from defocus_cli.system.errors import InputError, UsageProblem, reason
 from defocus_cli.system.safe_files import read_head
 
 if TYPE_CHECKING:
-    from defocus_core import Aperture, CatEye, DualPixel, PupilImage
+    from numpy.typing import NDArray
+
+    from defocus_core import Aperture, CatEye, DualPixel, PupilField, PupilImage, Sensitivity
 
 # Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
 # of JPEG makes less.
 _GREY = 0.02
 _MOST_SIDE = 4096  # px; sums of areas lose digits beyond
 _COLORS = 3
+_MOST_KERNELS = 1024  # of a field
 _MOST_RADIUS = 2000  # px of a drawn blur
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
@@ -55,12 +58,16 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
     """The barrel that clips the opening in pictures of (width, height) px, if one does.
 
     Raises:
-        UsageProblem: the rim would hide the middle of the opening in the corners.
+        UsageProblem: the rim would hide the middle of the opening in the corners, or the opening is
+            a field of kernels.
     """
-    from defocus_core import CatEye
+    from defocus_core import CatEye, PupilField
 
     if lens.cat_eye is None:
         return None
+    if lens.aperture_image and isinstance(pupil_images(lens.aperture_image)[0], PupilField):
+        problem = "clips a field of kernels, which were clipped where they were measured"
+        raise UsageProblem("--cat-eye", problem, "leave it out")
     rim, distance = lens.cat_eye
     width, height = size
     tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
@@ -100,10 +107,15 @@ def aperture_in_pixels(
 
 
 def dual_pixel_of(lens: Lens) -> DualPixel:
-    """The photodiodes of the sensor behind a lens."""
+    """The photodiodes of the sensor behind a lens.
+
+    Raises:
+        InputError: the file of their kernels cannot be used.
+    """
     from defocus_core import DualPixel
 
-    return DualPixel(lens.dp_model, lens.dp_crosstalk)
+    measured = None if lens.dp_kernels is None else _pair(lens.dp_kernels, _stamp(lens.dp_kernels))
+    return DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
 
 
 def disparity_of(lens: Lens) -> float:
@@ -122,8 +134,39 @@ def pupil_images(path: Path) -> tuple[PupilImage, ...]:
     Raises:
         InputError: the file cannot be read, or is no picture of a pupil.
     """
+    return _pupil_images(path, _stamp(path))
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Size and time of a file, that tell whether it was changed; None without one."""
     status = path.stat() if path.is_file() else None
-    return _pupil_images(path, status and (status.st_size, status.st_mtime_ns))
+    return status and (status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
+    """What the left and the right photodiodes see, of an NPY file of their kernels.
+
+    Raises:
+        InputError: the file cannot be read, or does not hold two kernels.
+    """
+    import numpy as np
+    import torch
+
+    from defocus_cli.formats.float_maps import read_npy
+    from defocus_core import sensitivities
+
+    values = np.array(read_npy(path, integers=True), "float64")
+    if values.ndim != 3 or len(values) != 2 or max(values.shape) > _MOST_SIDE:
+        shape = " × ".join(str(n) for n in values.shape)
+        problem = f"holds {shape} numbers, not two kernels"
+        raise InputError(path, problem, "save left and right as 2 × height × width")
+    try:
+        left, right = torch.from_numpy(values)
+        return sensitivities(left, right)
+    except ValueError as error:
+        problem = f"holds no kernels of two photodiodes: {reason(error)}"
+        raise InputError(path, problem, "measure both of a point beyond the focus") from None
 
 
 @lru_cache(maxsize=16)
@@ -136,7 +179,9 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
     from defocus_core import PupilImage
 
     if read_head(path).startswith(NPY_MAGIC):
-        values = np.asarray(read_npy(path, integers=True), "float64")
+        values = np.array(read_npy(path, integers=True), "float64")
+        if values.ndim > 3:
+            return (_field(path, values),)
         light = values[None] if values.ndim == 2 else np.moveaxis(values, -1, 0)
     else:
         color = read_color(path)
@@ -154,6 +199,31 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
     except ValueError as error:
         problem = f"is no picture of a pupil: {reason(error)}"
         raise InputError(path, problem, "give a picture that is bright where it is open") from None
+
+
+def _field(path: Path, values: NDArray[Any]) -> PupilField:
+    """Kernels of a grid over the frame, [rows, columns, H, W] or with a channel before H.
+
+    Raises:
+        InputError: they are no kernels, too many, or of colours.
+    """
+    import torch
+
+    from defocus_core import PupilField
+
+    if values.ndim == 5 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    count = values.shape[0] * values.shape[1]
+    if values.ndim != 4 or count > _MOST_KERNELS or max(values.shape[2:]) > _MOST_SIDE:
+        shape = " × ".join(str(n) for n in values.shape)
+        problem = f"is no field of kernels: it has {shape} numbers"
+        remedy = f"save rows × columns × height × width, of {_MOST_KERNELS} kernels at most"
+        raise InputError(path, problem, remedy)
+    try:
+        return PupilField(torch.from_numpy(values))
+    except ValueError as error:
+        problem = f"is no field of kernels: {reason(error)}"
+        raise InputError(path, problem, "give kernels that are bright where light falls") from None
 
 
 def write_aperture(path: Path, lens: Lens, radius: float) -> None:

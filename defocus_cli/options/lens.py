@@ -75,8 +75,9 @@ _LENS_HELP = {
     ),
     "aperture-image": (
         "FILE",
-        "Picture of the opening instead of blades, grey, PNG, EXR or NPY: bright is open, as a "
-        "point beyond the focus shows it.",
+        "Picture of the opening instead of blades, grey or RGB, PNG, EXR or NPY: bright is open, "
+        "as a point beyond the focus shows it. NPY of rows x columns of pictures is a field of "
+        "kernels over the frame.",
     ),
     "highlights": (
         "auto|T:GAIN",
@@ -87,7 +88,8 @@ _LENS_HELP = {
     "dp-model": (
         "MODEL",
         "Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, less and "
-        "less towards the other side, as in real sensors.  [default: split]",
+        "less towards the other side, as in real sensors; or an NPY file of two kernels that were "
+        "measured, left and right, like pair.npy.  [default: split]",
     ),
     "dp-crosstalk": (
         "0…0.49",

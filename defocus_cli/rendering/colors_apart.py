@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_cli.depth.focusing import color_offsets
-from defocus_cli.lenses.lens import Lens
 from defocus_cli.look.opening import pupil_images
 from defocus_cli.rendering.outcome import Loaded, Outcome
 from defocus_cli.system.errors import UsageProblem
@@ -14,7 +13,7 @@ from defocus_cli.system.errors import UsageProblem
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from defocus_core import Behind, Pixels
+    from defocus_core import Behind, Layered, Pixels
 
 
 class Colors(NamedTuple):
@@ -37,14 +36,11 @@ def renderings(loaded: Loaded, outcome: Outcome) -> list[Colors]:
     """What is rendered one after another; what says most of the picture comes last.
 
     Raises:
-        UsageProblem: the picture is of layers, and something is asked for that they have not got.
+        UsageProblem: halves of a coloured opening are asked for.
     """
     rows = [kind for kind in outcome.job.outputs.rows if kind.rendered]
     colors = colors_of(loaded, outcome)
     turned = [color._replace(turned=True) for color in colors if any(k.turned for k in rows)]
-    if turned and (loaded.plate is not None or loaded.layers is not None):
-        problem, remedy = "up and down are not for pictures of layers", "leave them out"
-        raise UsageProblem("--outputs", problem, remedy)
     upright = [] if all(kind.turned for kind in rows) else colors
     return [*turned, *upright]
 
@@ -53,7 +49,7 @@ def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
     """The channels that are rendered together: all, or red, blue, then all others.
 
     Raises:
-        UsageProblem: the picture is of layers, which have one radius for all colours.
+        UsageProblem: halves of a coloured opening are asked for.
     """
     names = loaded.color.channels
     every = Colors(tuple(range(len(loaded.color.planes))))
@@ -61,13 +57,9 @@ def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
     coloured = lens.aperture_image is not None and len(pupil_images(lens.aperture_image)) > 1
     if not (coloured or lens.axial_color) or "R" not in names:
         return [every]
-    option = "--aperture-image" if coloured else "--axial-color"
-    if loaded.plate is not None or loaded.layers is not None:
-        problem, remedy = "has colours apart, which pictures of layers cannot have", "leave it out"
-        raise UsageProblem(option, problem, remedy)
     if coloured and any(kind.halves or kind.turned for kind in outcome.job.outputs.rows):
         problem, remedy = "is coloured: its halves may have no light", "leave out left and right"
-        raise UsageProblem(option, problem, remedy)
+        raise UsageProblem("--aperture-image", problem, remedy)
     offsets = color_offsets(lens, outcome.size) if lens.axial_color else (0.0, 0.0)
     red, blue = names.index("R"), names.index("B")
     others = tuple(c for c in every.channels if c not in (red, blue))
@@ -90,18 +82,9 @@ def of_colors(
     return behind._replace(color=color, signed_radius=behind.signed_radius[:] + px)
 
 
-def lit(image: Pixels, channels: Sequence[str], lens: Lens) -> Pixels:
-    """The picture, with the light that its clipped lights lost if the lens asks for it."""
-    from defocus_core import with_lights
-
-    if lens.highlights is None:
-        return image
-    return with_lights(image, *lens.highlights, colors=len(channels) - ("A" in channels))
-
-
 def chosen(image: Pixels, channels: Sequence[int]) -> Pixels:
-    """Some channels of a picture [C, H, W]; itself of all of them."""
-    return image if len(channels) == image.shape[0] else _Chosen(image, channels)
+    """Some channels of a picture [..., C, H, W]; itself of all of them."""
+    return image if len(channels) == image.shape[-3] else _Chosen(image, channels)
 
 
 class _Chosen:
@@ -109,11 +92,45 @@ class _Chosen:
 
     def __init__(self, image: Pixels, channels: Sequence[int]) -> None:
         self._image, self._channels = image, list(channels)
-        self.shape = (len(channels), *image.shape[1:])
+        self.shape = (*image.shape[:-3], len(channels), *image.shape[-2:])
         self.dtype, self.device = image.dtype, image.device
 
     def __getitem__(self, window: Any) -> Tensor:
-        return self._image[window][self._channels]
+        return self._image[window][..., self._channels, :, :]
+
+
+def with_offset(layers: Layered, px: float) -> Layered:
+    """Layers whose radii are changed by some px."""
+    from defocus_core import Layered
+
+    if px == 0:
+        return layers
+    return Layered.of(layers.colors, plus(layers.signed_radius, px), layers.coverage)
+
+
+def plus(radii: Pixels, px: float) -> Pixels:
+    """Radii and some px."""
+    return radii if px == 0 else _Plus(radii, px)
+
+
+class _Plus:
+    """Radii and some px, read by windows."""
+
+    def __init__(self, radii: Pixels, px: float) -> None:
+        self._radii, self._px = radii, px
+        self.shape, self.dtype, self.device = tuple(radii.shape), radii.dtype, radii.device
+
+    def __getitem__(self, window: Any) -> Tensor:
+        return self._radii[window] + self._px
+
+
+def turned_layers(layers: Layered) -> Layered:
+    """Layers with rows for columns."""
+    return layers._replace(
+        colors=transposed(layers.colors),
+        signed_radius=transposed(layers.signed_radius),
+        coverage=transposed(layers.coverage),
+    )
 
 
 def turned_layer(behind: Behind) -> Behind:

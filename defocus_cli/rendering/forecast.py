@@ -34,10 +34,12 @@ class Forecast:
     Attributes:
         outcome: the outcome as far as it is known before rendering.
         read_seconds: time to decode the inputs, measured.
-        cost: the work; None if only maps are written, which needs no rendering.
+        cost: the work, and the steps of the last rendering; None if only maps are written, which
+            needs no rendering.
         seconds: time to render, right within a factor of two.
         peak_mb: upper bound of the memory of the process, or of the GPU.
         scratch_mb: size of its arrays in scratch files; 0 if they are held in memory.
+        renderings: how many times it is rendered, for colours apart, and for up and down.
     """
 
     outcome: Outcome
@@ -46,6 +48,7 @@ class Forecast:
     seconds: float
     peak_mb: float
     scratch_mb: float
+    renderings: int = 1
 
 
 @cache
@@ -97,7 +100,8 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[UserError]
 
 def _forecast(job: Job, device: str, rate: float) -> Forecast:
     from defocus_cli.rendering import job_steps
-    from defocus_cli.rendering.render_picture import stream_of
+    from defocus_cli.rendering.colors_apart import renderings
+    from defocus_cli.rendering.streams import Streams
     from defocus_core import cost
 
     start = time.perf_counter()
@@ -109,10 +113,15 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     if not job.outputs.need_rendering:
         return Forecast(outcome, read_seconds, None, 0.0, peak, scratch_mb)
-    stream = stream_of(loaded, radius, outcome)
+    streams, work, most = Streams(loaded, radius, outcome), 0.0, 0.0
+    for color in (colors := renderings(loaded, outcome)):
+        stream = streams.of(color)
+        of_stream = cost(stream)
+        work += of_stream.work
+        most = max(most, regions_at_once(job, stream, held, device)[1])
     outcome = replace(outcome, repair=stream.repair)
-    work, peak = cost(stream), peak + regions_at_once(job, stream, held, device)[1]
-    return Forecast(outcome, read_seconds, work, work.work / rate, peak, scratch_mb)
+    last = of_stream._replace(work=work)
+    return Forecast(outcome, read_seconds, last, work / rate, peak + most, scratch_mb, len(colors))
 
 
 def record(forecast: Forecast) -> dict[str, Any]:
@@ -132,6 +141,7 @@ def record(forecast: Forecast) -> dict[str, Any]:
         values["scratch_folder"] = str(scratch_folder())
     if (cost := forecast.cost) is not None:
         names = ("slices", "tiles", "slice_tiles", "slice_tiles_seen")
+        values["renderings"] = forecast.renderings
         values["stats"] = {name: getattr(cost, name) for name in names}
     return values
 
@@ -148,9 +158,10 @@ def line(forecast: Forecast) -> str:
     share = 100 * cost.slice_tiles_seen / cost.slice_tiles
     note = repair_words(forecast.outcome.repair)
     repair_note = f"; depth: {note}" if note else ""
+    times = f"{forecast.renderings} renderings of " if forecast.renderings > 1 else ""
     return (
-        f"{start}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps of "
-        f"slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
+        f"{start}{times}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps "
+        f"of slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
         f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
     )
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.depth.repair import repair_words
-from defocus_cli.elements.plate import Plate, alpha_behind_colors, nothing_of
+from defocus_cli.elements.plate import Plate, nothing_of
 from defocus_cli.jobs.job import Job
 from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.memory_budget import Holding
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from defocus_cli.depth_formats.depth import Depth
     from defocus_cli.elements.layers import Layers
     from defocus_cli.formats.color import Color
-    from defocus_core import DepthRepair, Views
+    from defocus_core import DepthRepair
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,6 @@ class Loaded:
     behind: tuple[Color, Depth] | None = None
     plate: Plate | None = None
     layers: Layers | None = None  # of a deep picture that is rendered
-
-    def in_order(self, part: Views) -> Views:
-        """A rendered part with its channels in the order of the colour."""
-        if self.plate is not None:
-            return alpha_behind_colors(part, len(self.color.light))
-        return part if self.layers is None else self.layers.in_order(part)
 
     @property
     def is_layered(self) -> bool:

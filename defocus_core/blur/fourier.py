@@ -16,8 +16,8 @@ from torch import Tensor
 
 from defocus_core.images.box import Box
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View, joined
 
 # Number of kernels cached for further frames, more than a picture has slices.
 _KEPT = 256
@@ -52,7 +52,7 @@ def kernels(
     aperture: Aperture,
     parts: list[Part],
     *,
-    rims: Sequence[Rim] = (),
+    views: Sequence[View] = (),
     leaning: bool = False,
 ) -> Tensor:
     """Kernels of all parts, in the middle of a square.
@@ -61,25 +61,19 @@ def kernels(
         radii: [K] signed radii in px, float64.
         extent: Greatest reach of the kernels in px.
         aperture: The pupil.
-        parts: M parts of the pupil; with rims, each of them once with each.
-        rims: Rims that clip the pupil.
+        parts: M parts of the pupil; with views, each of them once with each.
+        views: Views of the pupil.
         leaning: Whether to add kernels times u.x and times u.y, for tilted surfaces.
 
     Returns:
         [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
-    drawn = _kernel.__wrapped__ if aperture.learns or rims else _kernel  # a region keeps its own
+    drawn = _kernel.__wrapped__ if aperture.learns or views else _kernel  # a region keeps its own
     aperture = aperture if aperture.learns else aperture.fixed
+    view = joined(views) if views else None
     return torch.stack(
         [
-            torch.stack(
-                [
-                    drawn(radius, extent, aperture, part, rim, leaning)
-                    for part in parts
-                    for rim in rims or (None,)
-                ],
-                1,
-            )
+            torch.cat([drawn(radius, extent, aperture, part, view, leaning) for part in parts], 1)
             for radius in radii.tolist()
         ]
     )
@@ -87,13 +81,19 @@ def kernels(
 
 @lru_cache(maxsize=_KEPT)
 def _kernel(
-    radius: float, extent: int, aperture: Aperture, part: Part, rim: Rim | None, leaning: bool
+    radius: float, extent: int, aperture: Aperture, part: Part, view: View | None, leaning: bool
 ) -> Tensor:
-    """The kernel of one part, [1 or 3, S, S]; cached, for all frames use the same radii."""
+    """The kernels of one part, [1 or 3, V, S, S] for V points of a view, 1 without any.
+
+    They are cached, for all frames use the same radii.
+    """
     with torch.inference_mode(False):  # it is cached for calls that need gradients, too
-        r = torch.tensor(radius, dtype=torch.float64, device="cpu")
-        plain = aperture.kernel(r, 2 * extent + 1, part, rim)[None]
-        return torch.cat([plain, plain * _lens_points(r, extent, aperture)]) if leaning else plain
+        r = torch.tensor([radius], dtype=torch.float64, device="cpu")
+        points = r if view is None else r.expand(view.points)
+        plain = aperture.kernel(points, 2 * extent + 1, part, view)[None]
+        if not leaning:
+            return plain
+        return torch.cat([plain, plain * _lens_points(r[0], extent, aperture)[:, None]])
 
 
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:

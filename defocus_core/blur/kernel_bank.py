@@ -13,8 +13,8 @@ from torch import Tensor
 
 from defocus_core.blur.fourier import kernel_spectra, kernels, reach, transform_length
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View
 
 # Number of sizes of a window's transforms: quarters of the largest.
 _SIZES = 4
@@ -48,7 +48,7 @@ class Window:
         radii: [k] radii of the slices in px, float64.
         aperture: The pupil.
         parts: The parts of the pupil.
-        rims: Rims that clip the pupil: M counts each part once with each.
+        views: Views of the pupil: M counts each part once with each.
         like: A tensor of the dtype and device of the spectra.
         kernels: Cached kernels, by number of the slice.
         spectra: Cached spectra, by number of the slice, size, and whether they lean.
@@ -63,7 +63,7 @@ class Window:
     aperture: Aperture
     parts: list[Part]
     like: Tensor
-    rims: tuple[Rim, ...] = ()
+    views: tuple[View, ...] = ()
     kernels: dict[int, Tensor] = field(default_factory=dict)
     spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
     planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
@@ -73,13 +73,13 @@ class Window:
     @property
     def learns(self) -> bool:
         """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
-        sizes = (value for rim in self.rims for value in rim)
+        sizes = (value for view in self.views for value in view)
         clipped = any(isinstance(value, Tensor) and value.requires_grad for value in sizes)
         return self.aperture.learns or clipped
 
-    def behind(self, rims: Sequence[Rim]) -> Window:
-        """The same window with a pupil that is clipped by rims."""
-        window = replace(self, rims=tuple(rims), kernels={}, spectra={}, planes={})
+    def seen(self, views: Sequence[View]) -> Window:
+        """The same window with a pupil as points of the frame see it."""
+        window = replace(self, views=tuple(views), kernels={}, spectra={}, planes={})
         window.prepare()
         return window
 
@@ -144,7 +144,7 @@ class Window:
         if cached is None or (leaning and len(cached) == 1):
             radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
             computed = kernels(
-                radius, self.margin, self.aperture, self.parts, rims=self.rims, leaning=leaning
+                radius, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
             )
             cached = self.kernels[number] = computed[0].to(self.like.real)
         return cached

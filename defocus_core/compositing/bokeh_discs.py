@@ -22,8 +22,8 @@ from defocus_core.compositing.highlights import Highlights
 from defocus_core.compositing.screens import Screen
 from defocus_core.images.box import Box
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View
 
 # Samples drawn at once: bounds memory.
 _SAMPLES = 1 << 18
@@ -39,14 +39,14 @@ class _Alike(NamedTuple):
         radii: [U] px, their different radii.
         which: [n] the index in `radii` of each highlight, ascending.
         extent: Greatest distance in px from a highlight to a pixel of its disc.
-        barrel: The rim that clips the pupil, as each radius sees it.
+        barrel: The pupil, as each radius sees it.
     """
 
     highlights: Highlights
     radii: Tensor
     which: Tensor
     extent: int
-    barrel: Rim | None = None
+    barrel: View | None = None
 
     def between(self, start: int, end: int) -> _Alike:
         """The highlights from `start` to before `end`."""
@@ -61,7 +61,7 @@ def draw(
     aperture: Aperture,
     parts: list[Part],
     box: Box,
-    barrel: Rim | None = None,
+    barrel: View | None = None,
 ) -> Tensor:
     """The discs of all highlights as the parts of the aperture see them: [M, C, height, width].
 
@@ -72,7 +72,7 @@ def draw(
         aperture: The pupil.
         parts: M parts of the pupil.
         box: The rectangle of the frame to draw.
-        barrel: The rim that clips the pupil, as each highlight sees it.
+        barrel: The pupil, as each highlight sees it.
     """
     most = max(*screens[0].places.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
@@ -103,7 +103,7 @@ def draw(
     return canvas.summed(highlights.light.dtype)
 
 
-def _alike(highlights: Highlights, most: int, box: Box, barrel: Rim | None) -> Iterator[_Alike]:
+def _alike(highlights: Highlights, most: int, box: Box, barrel: View | None) -> Iterator[_Alike]:
     """The highlights whose discs, `most` px wide at most, reach a box: in groups, widest first."""
     everything, spreads = _widest_first(highlights, most, box, barrel)
     counts = torch.bincount(everything.which, minlength=len(spreads))
@@ -120,21 +120,13 @@ def _alike(highlights: Highlights, most: int, box: Box, barrel: Rim | None) -> I
                 everything.radii[first:end],
                 chosen.which - first,
                 extent,
-                _chosen(everything.barrel, slice(first, end)),
+                everything.barrel and everything.barrel.of(slice(first, end)),
             )
         first = end
 
 
-def _chosen(barrel: Rim | None, which: Tensor | slice) -> Rim | None:
-    """The rim as the points of these indices see it; its size is common to all."""
-    if barrel is None:
-        return None
-    x, y = (torch.as_tensor(place)[which] for place in (barrel.x, barrel.y))
-    return barrel._replace(x=x, y=y)
-
-
 def _widest_first(
-    highlights: Highlights, most: int, box: Box, barrel: Rim | None
+    highlights: Highlights, most: int, box: Box, barrel: View | None
 ) -> tuple[_Alike, list[int]]:
     """All highlights whose discs reach a box, and the extent [U] in px for each radius."""
     radii, at = highlights.signed_radius, highlights.at
@@ -150,7 +142,7 @@ def _widest_first(
     order = which.argsort(stable=True)
     order = order[(away <= spread[which])[order]]
     reaching = Highlights(*(values[order] for values in highlights))
-    barrel = _chosen(barrel, wide)
+    barrel = barrel and barrel.of(wide)
     return _Alike(reaching, radii, which[order], most, barrel), spread.tolist()
 
 

@@ -16,8 +16,8 @@ from torch.nn.functional import grid_sample
 from defocus_core.images.box import Box
 from defocus_core.images.sparse_masks import exceeding, numbers_of
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View
 
 # Least share: a disc much larger than the frame would divide by nearly 0.
 _LEAST_SHARE = 0.01
@@ -33,7 +33,7 @@ def share_in_frame(
     size: tuple[int, int],
     aperture: Aperture,
     parts: list[Part],
-    rims: Sequence[Rim] = (),
+    views: Sequence[View] = (),
 ) -> Tensor:
     """The share of parts of the aperture that sees a pixel's own surface within the frame.
 
@@ -45,7 +45,7 @@ def share_in_frame(
         size: (height, width) of the frame.
         aperture: The pupil; a gaussian one counts as evenly lit.
         parts: M parts of the pupil.
-        rims: Rims that clip the pupil; M counts each part once with each.
+        views: Views of the pupil; M counts each part once with each.
 
     Returns:
         [M, 1, h, w] in [0.01, 1].
@@ -65,8 +65,8 @@ def share_in_frame(
     # the frame is between two of the points u that see its corners, in x and in y
     corners = torch.stack([x[:, None].expand(-1, 2, -1), y[..., None].expand(-1, -1, 2)], -1)
     known = aperture if aperture.learns else aperture.fixed
-    area_below = _area_below.__wrapped__ if aperture.learns or rims else _area_below
-    tables = [area_below(known, part, rim) for part in parts for rim in rims or (None,)]
+    area_below = _area_below.__wrapped__ if aperture.learns or views else _area_below
+    tables = [area_below(known, part, view) for part in parts for view in views or (None,)]
     areas = torch.stack(tables)[None].to(r)
     below = grid_sample(areas, corners.reshape(1, -1, 4, 2), align_corners=True)[0]  # [M, n, 4]
     within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
@@ -76,13 +76,13 @@ def share_in_frame(
 
 
 @lru_cache(maxsize=256)
-def _area_below(aperture: Aperture, part: Part, rim: Rim | None) -> Tensor:
+def _area_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
     """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
     with torch.inference_mode(False):  # the cache serves calls that need gradients, too
         ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
-        if part.lean or rim:
+        if part.is_uneven or view:
             r = torch.tensor(_STEPS / 2, dtype=torch.float64)
-            below = aperture.kernel(r, _STEPS, part, rim).cumsum(0).cumsum(1)
+            below = aperture.kernel(r, _STEPS, part, view).cumsum(0).cumsum(1)
             return torch.nn.functional.pad(below, (1, 0, 1, 0))
         up_to = torch.stack([torch.full_like(ends, -1), ends], -1)
         return aperture.share_between(part, up_to[None], up_to[:, None])

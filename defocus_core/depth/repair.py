@@ -28,6 +28,7 @@ from defocus_core.depth.soft_edges import (
 from defocus_core.images.derived import Repaired, held, share_changed
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.source import Pixels, banded
+from defocus_core.runtime.torch_modes import own_modes
 
 # Range of the radii of a frame, in the smallest steps whose edges are as wide as is said.
 _SMALL_STEPS = 3
@@ -73,14 +74,15 @@ def repaired(
     elif repair.soft_edges is not None or repair.ramps:
         steep = STEEP if repair.soft_edges is None else repair.soft_edges
         width = options.edge_width
-        repair_window = partial(without_ramps, steep=steep, edge_width=width)
+        repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=repair.ramps_of)
         radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
     shifts = repair.edge_shifts
     if decided is None:
-        shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
+        soft = repair.soft_edges is not None
+        shifts = measured_shifts(radii, pixels, threads, soft=soft, scale=repair.ramps_of)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
-        repair_window = partial(with_shifted_edges, shifts=shifts)
+        repair_window = partial(with_shifted_edges, shifts=shifts, scale=repair.ramps_of)
         radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, pixels), radii, pixels)
     if decided is None:
         uncertain = repair.soft_edges is not None or (
@@ -148,6 +150,8 @@ def repair_depth(
     *,
     depth_repair: str = "auto",
     edge_width: float | None = None,
+    decided: DepthRepair | None = None,
+    hold: bool = False,
 ) -> tuple[Pixels, DepthRepair]:
     """The signed radii by which `render` renders a picture, and the repair that made them.
 
@@ -158,6 +162,9 @@ def repair_depth(
         threads: Number of bands of rows computed at once.
         depth_repair: As for `render`.
         edge_width: As for `render`.
+        decided: The repair, where it is known already; None to find it.
+        hold: Whether there is room for the repaired radii if the given ones are no tensor; without
+            room those of a large picture are computed anew for each window.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -168,10 +175,16 @@ def repair_depth(
     options = repair_options(depth_repair, edge_width)
     if not options.on:
         return signed_radius, DepthRepair()
-    hold = isinstance(signed_radius, Tensor)
-    return repaired(
-        signed_radius, image, infinity=infinity, threads=threads, hold=hold, options=options
-    )
+    with own_modes(signed_radius.device):
+        return repaired(
+            signed_radius,
+            image,
+            infinity=infinity,
+            threads=threads,
+            hold=hold or isinstance(signed_radius, Tensor),
+            options=options,
+            decided=decided,
+        )
 
 
 def _diagnosed(

@@ -11,20 +11,21 @@ from defocus_core.blur.kernel_bank import Window
 from defocus_core.engine.frame import Frame, Slicing
 from defocus_core.images.box import Box
 from defocus_core.images.views import Views
-from defocus_core.optics.cat_eye import CatEye, Rim, falloff
+from defocus_core.optics.cat_eye import CatEye, falloff
+from defocus_core.optics.pupil_field import View
 
 
 def frame_at(frame: Frame, box: Box) -> Frame:
     """The frame as a region of it sees it: its windows have the pupils of the region's corners."""
-    if frame.settings.cat_eye is None:
+    if frame.settings.field is None:
         return frame
-    rims = corner_rims(frame, box)
+    views = corner_views(frame, box)
     clipped: dict[int, Window] = {}
 
     def slicing(of: Slicing) -> Slicing:
         for window in of.windows:
             if id(window) not in clipped:
-                clipped[id(window)] = window.behind(rims)
+                clipped[id(window)] = window.seen(views)
         return of._replace(windows=[clipped[id(window)] for window in of.windows])
 
     visible, known, invented = (
@@ -34,20 +35,20 @@ def frame_at(frame: Frame, box: Box) -> Frame:
     return replace(frame, slices=slices)
 
 
-def corner_rims(frame: Frame, box: Box) -> list[Rim]:
-    """The rims that the corners of a region see, by rows; none without a rim."""
-    cat_eye = frame.settings.cat_eye
-    if cat_eye is None:
+def corner_views(frame: Frame, box: Box) -> list[View]:
+    """The pupils that the corners of a region see, by rows; none if all see it alike."""
+    field = frame.settings.field
+    if field is None:
         return []
     return [
-        cat_eye.rim(float(x), float(y), frame.size)
+        field.view(float(x), float(y), frame.size)
         for y in (box.top, box.top + box.height)
         for x in (box.left, box.left + box.width)
     ]
 
 
-def rims_of(frame: Frame, at: Tensor, core: Box, region: Box) -> Rim | None:
-    """The rim as pixels [n, 2], rows and columns, see it: [n] places.
+def views_of(frame: Frame, at: Tensor, core: Box, region: Box) -> View | None:
+    """The pupil as pixels [n, 2], rows and columns, see it: [n] places.
 
     Args:
         frame: The frame.
@@ -55,15 +56,15 @@ def rims_of(frame: Frame, at: Tensor, core: Box, region: Box) -> Rim | None:
         core: A region, counted from any pixel.
         region: The same region, counted from the first pixel of the frame.
     """
-    cat_eye = frame.settings.cat_eye
-    if cat_eye is None:
+    field = frame.settings.field
+    if field is None:
         return None
     y, x = (
         (at + at.new_tensor([region.top - core.top, region.left - core.left]) + 0.5)
         .to(frame.dtype)
         .unbind(1)
     )
-    return cat_eye.rim(x, y, frame.size)
+    return field.view(x, y, frame.size)
 
 
 def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:
@@ -76,7 +77,7 @@ def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:
     """
     like = part.images[0]
     y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in part.box.sides)
-    rim = cat_eye.rim(x[None, :], y[:, None], frame)
+    rim = cat_eye.view(x[None, :], y[:, None], frame)
     apart = torch.hypot(torch.as_tensor(rim.x), torch.as_tensor(rim.y))
     share = falloff(apart, rim.size)
     return part._replace(images=[image * share for image in part.images])

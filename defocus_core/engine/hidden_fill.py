@@ -97,7 +97,7 @@ class Filling:
             cells,
             frame.division.groups,
             self._coarse,
-            by_corners=frame.settings.cat_eye is not None,
+            by_corners=frame.settings.field is not None,
         )
         samples = _samples(hidden, frame.slices.radii[:: slicing.stride])
         self._sliced = self._blur.sliced(samples, slicing.stride, slicing.layers)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from defocus_core.blur.layer_blur import Sliced
 from defocus_core.compositing.aperture_views import Fronts
+from defocus_core.compositing.frame_border import own_light
 from defocus_core.compositing.highlights import Highlights, split_samples
 from defocus_core.compositing.screens import Screen
 from defocus_core.engine.frame import Frame
@@ -54,6 +55,9 @@ class LayeredRegion(Region):
         self._behind: Sliced | None = None
         self._nothing: Sliced | None = None
         super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
+        if self._own is not None:  # with alpha, and without the light of highlights
+            plain = grid.box.of(pixels).to(frame.dtype).clamp(max=frame.content.limit)
+            self._own = own_light(plain)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box

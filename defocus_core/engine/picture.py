@@ -8,7 +8,7 @@ from functools import partial
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.repair import repaired
+from defocus_core.depth.repair import repair_depth, repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.engine.draft_enlarging import Enlarging
 from defocus_core.engine.field import darkened
@@ -46,6 +46,7 @@ class Picture:
         hidden: Behind | None,
         *,
         layered: Layered | None = None,
+        repair: DepthRepair | None = None,
         hold: bool = False,
     ) -> None:
         """Repair the depth, and prepare the frame.
@@ -57,6 +58,7 @@ class Picture:
             hidden: The known layer behind the visible surface.
             layered: The layers of which `image`, with alpha, and `signed_radius` are the picture;
                 they are rendered as they are, not repaired and not at half size.
+            repair: The repair by which the radii were made already; None to repair them here.
             hold: Whether there is room for the repaired radii and the cells of a large picture that
                 is no tensor; without room they are computed anew for each window.
 
@@ -65,8 +67,8 @@ class Picture:
         """
         threads, quality = settings.threads, find(settings.quality)
         self.size = signed_radius.shape[0], signed_radius.shape[1]
-        self.repair = DepthRepair()
-        if settings.repair.on and layered is None:
+        self.repair = DepthRepair() if repair is None else repair
+        if settings.repair.on and layered is None and repair is None:
             signed_radius, self.repair = repaired(
                 signed_radius,
                 image,
@@ -134,6 +136,21 @@ class Picture:
         if cat_eye is None or not cat_eye.vignetting:
             return parts
         return (darkened(part, cat_eye, self.size) for part in parts)
+
+
+def repaired_once(
+    signed_radius: Pixels, image: Pixels, settings: Settings
+) -> tuple[Pixels, DepthRepair]:
+    """The radii by which all pictures of some settings are rendered, and their repair."""
+    return repair_depth(
+        signed_radius,
+        image,
+        settings.infinity,
+        settings.threads,
+        depth_repair=settings.depth_repair,
+        edge_width=settings.edge_width,
+        decided=settings.decided,
+    )
 
 
 def _is_blurred(signed_radius: Pixels) -> bool:

@@ -83,7 +83,7 @@ def frame_of(
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     pair = settings.dual_pixel if settings.left_right else None
     # parts at the rim would be clipped away
-    count = quality.parts if settings.cat_eye is None else 1
+    count = quality.parts if settings.field is None else 1
     division = Division.of(settings.aperture, count, pair)
     if needs_double(survey, content.limit):
         dtype = torch.float64

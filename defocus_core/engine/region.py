@@ -20,7 +20,7 @@ from defocus_core.compositing.frame_border import own_light, share_in_frame
 from defocus_core.compositing.highlights import Highlights, split
 from defocus_core.compositing.saturating_sum import add_light, count_negative, pair_of, picture
 from defocus_core.compositing.screens import Screen, screens_of
-from defocus_core.engine.field import corner_rims, frame_at, rims_of
+from defocus_core.engine.field import corner_views, frame_at, views_of
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
@@ -81,7 +81,7 @@ class Region:
             grid.seen_from(inner),
             frame.division.groups,
             axes(frame.size, inner.top, inner.left),
-            by_corners=frame.settings.cat_eye is not None,
+            by_corners=frame.settings.field is not None,
         )
         pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
         if content.edges:  # pixels beside them are looked up by their numbers
@@ -116,7 +116,7 @@ class Region:
     def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""
         radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
-        barrel = rims_of(self._frame, highlights.at, core, self._grid.box)
+        barrel = views_of(self._frame, highlights.at, core, self._grid.box)
         return draw(highlights, screens, radii, aperture, parts, core, barrel)
 
     def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
@@ -125,12 +125,12 @@ class Region:
         if self._is_inside(core):
             return None
         aperture, parts, _, groups = frame.division
-        rims = corner_rims(frame, core)
+        seen = corner_views(frame, core)
         shares = [
-            share_in_frame(signed_radius, core, frame.size, aperture, parts[group], rims)
+            share_in_frame(signed_radius, core, frame.size, aperture, parts[group], seen)
             for group in groups
         ]
-        return [blended(share, core, core) for share in shares] if rims else shares
+        return [blended(share, core, core) for share in shares] if seen else shares
 
     def _in_front(self, own: Unmixed, signed_radius: Tensor, places: Tensor | None) -> Sliced:
         """The visible surfaces, from pixels, their radii, and their positions if known."""

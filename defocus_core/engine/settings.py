@@ -12,6 +12,7 @@ from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.pupil_field import PupilField
 from defocus_core.runtime.validation import described, flag, number, whole
 
 _MOST_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
@@ -54,6 +55,9 @@ class Settings:
         if not isinstance(self.cat_eye, CatEye | None):
             problem = f"cat_eye must be a CatEye, got {described(self.cat_eye)}"
             raise ValueError(f"{problem}; None clips nothing")
+        if self.cat_eye and isinstance(self.aperture.image, PupilField):
+            problem = "cat_eye must be None beside a field of pupils, whose kernels are clipped"
+            raise ValueError(f"{problem} where they were measured; leave it out")
         find(self.quality)
         flag("left_right", self.left_right)
         repair_options(self.depth_repair, self.edge_width)
@@ -78,6 +82,12 @@ class Settings:
     def repair(self) -> RepairOptions:
         """Whether, and by which knowledge, depth is repaired."""
         return repair_options(self.depth_repair, self.edge_width)
+
+    @property
+    def field(self) -> CatEye | PupilField | None:
+        """What makes the pupil change over the frame."""
+        image = self.aperture.image
+        return image if isinstance(image, PupilField) else self.cat_eye
 
     @property
     def by_scene(self) -> bool:

@@ -112,7 +112,7 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
     coarse = pixels * sample * frame.content.edges * 0.7
     enlarged = 3 * stream.at_half_size * pixels * sample * isinstance(stream.image, Tensor)
     # each region has kernels of its own where the pupil changes over the frame
-    versions = 1 if frame.settings.cat_eye is None else CORNERS * at_once
+    versions = 1 if frame.settings.field is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
     whole = _FIXED + coarse + enlarged + spectra + repaired

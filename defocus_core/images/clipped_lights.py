@@ -1,28 +1,49 @@
-"""Clipped lights: pixels that a picture of 8 bits holds as white, with the light they lost.
+"""Clipped lights: blobs that a picture of 8 bits holds as white, with the light they lost.
 
 White of 8 bits is the end of the scale, not a measure: a lamp a hundred times as bright as a wall
-is stored as hardly more, and its blur would be a grey disc. Pixels near the end of the scale are
-made brighter by a gain, all channels alike, so that their hue stays. A lamp is small: where white
-fills much of the neighbourhood, as sky does, its light stays.
+is stored as hardly more, and its blur would be a grey disc. Blobs near the end of the scale are
+made brighter by a gain, all channels alike, so that their hue stays. What tells a lamp from a
+surface just beyond white: a lamp is small; its light is beyond white in all channels, so that it
+has no colour left, or it is very small; and its surroundings are darker.
+
+A blob depends on the level from which on pixels count. Each level of brightness adds its own share
+of the gain, by the blobs of that level, so that the light is continuous in the threshold.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import avg_pool2d, pad
 
+from defocus_core.images.blobs import Runs
 from defocus_core.images.derived import Derived
-from defocus_core.images.source import Pixels, banded
+from defocus_core.images.source import Pixels, banded, bands
+from defocus_core.images.sparse_masks import places_of
 from defocus_core.optics.outline import Scalar
 from defocus_core.runtime.validation import number, whole
 
-# The neighbourhood reaches this share of the width of the frame to each side, so many px at least.
-_AROUND, _LEAST = 0.012, 4
-# The share of white in the neighbourhood from which on it is no lamp.
-_FULL = 0.5
+# Sides of blobs, the roots of their areas: up to which a blob is a light, and from which on a
+# surface, as shares of the side of a square of the area of the frame. Of blobs of a colour, and of
+# white ones; and the same in px that count in small frames.
+_COLORED, _WHITE, _LEAST_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
+# The least channel, as a share of white, up to which a blob has a colour, and from which on none.
+_HUE = (0.6, 0.9)
+# Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
+# which on a part of a surface; of blobs of a colour, and of white ones. The surroundings reach this
+# share of the width to each side, so many px at least.
+_COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
+_AROUND, _LEAST_AROUND = 0.012, 4
+# Levels of brightness at which blobs are found, and cells across the surroundings to a side.
+_LEVELS, _CELLS = 32, 6
 # Light above 1 by more than rounding was measured, and is left as it is.
 _MEASURED = 1.001
+# A blob is a light if it gets more than this share of the gain.
+_COUNTED = 0.05
 # What "auto" stands for: threshold, in linear light, and gain.
 AUTO_LIGHTS = (0.93, 16.0)
 
@@ -44,45 +65,201 @@ def with_lights(
     Raises:
         ValueError: If an argument is not one of the above.
     """
-    if not 0 <= number("threshold", threshold, "in linear light") < 1:
-        raise ValueError(
-            f"threshold must be 0 or more and below 1, got {threshold}; 0.93 suits most"
-        )
-    if number("gain", gain, "it is a factor") < 1:
-        raise ValueError(f"gain must be 1 or more, got {gain}; 1 changes nothing")
-    count = image.shape[0] if colors is None else whole("colors", colors, "channels of colour")
-    if any(float(band[:count].amax()) > _MEASURED for band in banded(image)):
-        return image
-    lit = _Lit(image, threshold, gain, count)
-    if isinstance(image, Tensor):
-        return lit.made((0, image.shape[-2]), (0, image.shape[-1]))
-    return lit
+    return ClippedLights(image, threshold, gain, colors=colors).added
+
+
+class ClippedLights:
+    """The clipped lights of a picture.
+
+    Attributes:
+        added: [C, H, W], the picture with their light.
+        count: The number of blobs that got light.
+        measured: Whether there is light above 1: then the picture stays.
+    """
+
+    def __init__(
+        self, image: Pixels, threshold: Scalar, gain: Scalar, *, colors: int | None = None
+    ) -> None:
+        """Find the blobs; arguments are those of `with_lights`.
+
+        Raises:
+            ValueError: If an argument is out of its range.
+        """
+        if not 0 <= (least := number("threshold", threshold, "in linear light")) < 1:
+            raise ValueError(
+                f"threshold must be 0 or more and below 1, got {threshold}; 0.93 suits most"
+            )
+        if number("gain", gain, "it is a factor") < 1:
+            raise ValueError(f"gain must be 1 or more, got {gain}; 1 changes nothing")
+        count = image.shape[0] if colors is None else whole("colors", colors, "channels of colour")
+        self.measured = any(float(band[:count].amax()) > _MEASURED for band in banded(image))
+        self.added, self.count = image, 0
+        if self.measured:
+            return
+        levels, self.count = _found(image, least, count)
+        lit = _Lit(image, threshold, gain, count, levels)
+        height, width = image.shape[-2:]
+        self.added = lit.made((0, height), (0, width)) if isinstance(image, Tensor) else lit
+
+
+class _Level(NamedTuple):
+    """The blobs of pixels brighter than a level.
+
+    Attributes:
+        low: The level.
+        high: The next level.
+        runs: The runs of these pixels.
+        share: [n] the share of the gain that each run gets.
+    """
+
+    low: float
+    high: float
+    runs: Runs
+    share: Tensor
+
+
+def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_Level], int]:
+    """The blobs of each level from the threshold on, and the number of lights."""
+    size = image.shape[-2], image.shape[-1]
+    numbers = range(math.floor(threshold * _LEVELS), _LEVELS)
+    around = max(_LEAST_AROUND, round(_AROUND * size[1]))
+    found: list[list[tuple[Runs, Tensor, Tensor]]] = [[] for _ in numbers]
+    for first, end in bands(*size):
+        top = max(first - around, 0)
+        light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
+        for level, k in zip(found, numbers, strict=True):
+            level.append(_band(light, (first, end), top, k / _LEVELS, around))
+    levels = []
+    for level, k in zip(found, numbers, strict=True):
+        runs, least, beside = zip(*level, strict=True)
+        joined = Runs.joined([*runs])
+        share = _shares(joined, torch.cat(least), torch.cat(beside) * _LEVELS / max(k, 1), size)
+        levels.append(_Level(k / _LEVELS, (k + 1) / _LEVELS, joined, share))
+    return levels, _count(levels, threshold, size[1])
+
+
+def _band(
+    light: Tensor, rows: tuple[int, int], top: int, level: float, around: int
+) -> tuple[Runs, Tensor, Tensor]:
+    """The runs of a band that are brighter than a level, their least channel and surroundings.
+
+    Args:
+        light: [C, h, W], the band and rows around it.
+        rows: First row of the band, and its end.
+        top: Row of the first row of `light`.
+        level: The level.
+        around: Px to each side that are the surroundings.
+
+    Returns:
+        The runs; of each the sum of its least channel, and its surroundings times its area.
+    """
+    inner, bright = slice(rows[0] - top, rows[1] - top), light.amax(0)
+    runs = Runs.of(bright[inner] > level, rows[0])
+    if not len(runs.row):
+        return runs, bright.new_zeros(0).double(), bright.new_zeros(0).double()
+    sums = pad(light[:, inner].amin(0).flatten().cumsum(0, dtype=torch.float64), (1, 0))
+    start = (runs.row - rows[0]) * bright.shape[1]
+    least = sums[start + runs.end] - sums[start + runs.first]
+    cell = max(1, around // _CELLS)
+    beside = _beside(bright, level, cell, around // cell)
+    row = (runs.row - top) // cell
+    ends = (beside[row, column // cell] for column in (runs.first, runs.end - 1))
+    return runs, least, sum(ends) / 2 * runs.area
+
+
+def _beside(bright: Tensor, level: float, cell: int, around: int) -> Tensor:
+    """Mean brightness of what is not above a level around each cell; the level without any."""
+    dark = (bright <= level).to(torch.float64)
+    both = torch.stack([dark, dark * bright])[:, None]
+    both = avg_pool2d(both, cell, ceil_mode=True, count_include_pad=False)[:, 0]
+    for dim in (-2, -1):
+        length = both.shape[dim]
+        sums = torch.cat([torch.zeros_like(both.narrow(dim, 0, 1)), both.cumsum(dim)], dim)
+        at = torch.arange(length, device=bright.device)
+        after = sums.index_select(dim, (at + around + 1).clamp(max=length))
+        both = after - sums.index_select(dim, (at - around).clamp(min=0))
+    share, light = both
+    return torch.where(share > 0.5, light / share.clamp(min=0.5), level)
+
+
+def _shares(runs: Runs, least: Tensor, beside: Tensor, size: tuple[int, int]) -> Tensor:
+    """The share of the gain that each run gets, by its blob.
+
+    Args:
+        runs: The runs.
+        least: [n] sum of the least channel of each run.
+        beside: [n] brightness of its surroundings, as a share of its own, times its area.
+        size: (height, width) of the frame.
+    """
+    blob = runs.blobs(size[1])
+    values = torch.stack([runs.area.double(), least, beside])
+    totals = values.new_zeros(3, int(blob.max()) + 1 if len(blob) else 0)
+    area, least, beside = totals.index_add(1, blob, values)
+    white = _step(least / area, *_HUE)
+    across = math.sqrt(size[0] * size[1])
+    colored, bleached = (
+        [max(share * across, px) for share, px in zip(shares, _LEAST_PX, strict=True)]
+        for shares in (_COLORED, _WHITE)
+    )
+    small = 1 - _step(area.sqrt(), *_between(colored, bleached, white))
+    apart = 1 - _step(beside / area, *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
+    return (small * apart)[blob]
+
+
+def _between(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:
+    """Bounds of blobs from those of a colour, at a share of 0, to those of white ones, at 1."""
+    return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
+
+
+def _count(levels: list[_Level], threshold: float, width: int) -> int:
+    """The number of blobs, of the least level above the threshold, that hold a light."""
+    above = [level for level in levels if level.low >= threshold] or levels[-1:]
+    base = above[0].runs
+    lights = [level.runs for level in above]
+    places = [
+        (runs.row[level.share > _COUNTED], runs.first[level.share > _COUNTED])
+        for level, runs in zip(above, lights, strict=True)
+    ]
+    at = [torch.cat(part) for part in zip(*places, strict=True)]
+    blobs: Tensor = torch.unique(base.blobs(width)[base.holding(at[0], at[1], width)])
+    return len(blobs)
+
+
+def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
+    """A smooth step from 0 at `low` to 1 at `high`."""
+    x = ((values - low) / (high - low)).clamp(0, 1)
+    return x * x * (3 - 2 * x)
 
 
 class _Lit(Derived):
-    """The picture, window by window."""
+    """The picture with the light of its blobs, window by window."""
 
-    def __init__(self, image: Pixels, threshold: Scalar, gain: Scalar, colors: int) -> None:
+    def __init__(
+        self, image: Pixels, threshold: Scalar, gain: Scalar, colors: int, levels: list[_Level]
+    ) -> None:
         """Keep the source; nothing is read yet."""
-        self._image, self._threshold, self._gain, self._colors = image, threshold, gain, colors
+        self._image, self._threshold, self._gain = image, threshold, gain
+        self._colors, self._levels = colors, levels
         self.shape, self.dtype, self.device = tuple(image.shape), image.dtype, image.device
-        self.margin = max(_LEAST, round(_AROUND * image.shape[-1]))
 
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
-        cuts, inner = [], []
-        for (first, end), length in zip((rows, columns), self.shape[-2:], strict=True):
-            start, last = max(first - self.margin, 0), min(end + self.margin, length)
-            cuts.append(slice(start, last))
-            inner.append(slice(first - start, end - start))
-        around = self._image[..., cuts[0], cuts[1]]
-        light = around[: self._colors]
-        share = ((light.amax(0) - self._threshold) / (1 - self._threshold)).clamp(0, 1)
-        share = share * share * (3 - 2 * share)
-        white = share[None]
-        for side in ((2 * self.margin + 1, 1), (1, 2 * self.margin + 1)):
-            reach = (side[0] // 2, side[1] // 2)
-            white = avg_pool2d(white, side, 1, reach, count_include_pad=False)
-        factor = 1 + (self._gain - 1) * share * (1 - white[0] / _FULL).clamp(min=0)
-        lit = torch.cat([light * factor, around[self._colors :]])
-        return lit[..., inner[0], inner[1]].to(self.dtype)
+        window = self._image[..., slice(*rows), slice(*columns)]
+        light, rest = window.tensor_split([self._colors])
+        bright = light.amax(0)
+        at = places_of(bright.detach() > self._levels[0].low)
+        if not len(at):
+            return window
+        row, column = at.unbind(1)
+        shining = bright[row, column]
+        share = torch.zeros_like(shining)
+        for low, high, runs, shares in self._levels:
+            above = (shining.detach() > low).nonzero()[:, 0]
+            run = runs.holding(row[above] + rows[0], column[above] + columns[0], self.shape[-1])
+            lower, upper = (
+                _step(shining[above].clamp(max=bound), self._threshold, 1) for bound in (low, high)
+            )
+            upper = upper if high < 1 else _step(shining[above], self._threshold, 1)
+            share = share.index_add(0, above, (upper - lower) * shares[run].to(share))
+        factor = torch.ones_like(bright).index_put((row, column), 1 + (self._gain - 1) * share)
+        return torch.cat([light * factor, rest]).to(self.dtype)

@@ -68,7 +68,7 @@ class Shifts:
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
         learns = aperture.learns
         apparent = _apparent.__wrapped__ if learns else _apparent
-        half = parts[0] if parts[0].lean else LEFT
+        half = parts[0] if parts[0].is_uneven else LEFT
         known = aperture if learns else aperture.fixed
         self._apparent = stacked(apparent(radii, known, half), places)
         # pixels of lesser radii have shares in slices near focus

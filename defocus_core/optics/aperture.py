@@ -19,6 +19,7 @@ from defocus_core.optics.cat_eye import Rim, fineness
 from defocus_core.optics.curved_blades import CurvedPolygon
 from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Scalar, Squeezed
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
+from defocus_core.optics.pupil_field import PupilMix, View
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.runtime.validation import described, number, whole
 
@@ -75,24 +76,16 @@ class Aperture:
 
     def __post_init__(self) -> None:
         blades = whole("blades", self.blades, "write 0 for a round aperture", least=0)
-        if blades in (1, 2):
-            raise ValueError(
-                f"blades must be 0 or at least 3, got {blades}; write 0 for a round aperture"
-            )
-        if blades > _MOST_BLADES:
-            raise ValueError(
-                f"blades must be {_MOST_BLADES} at most, got {blades}; write 0 for a round aperture"
-            )
+        if blades in (1, 2) or blades > _MOST_BLADES:
+            wanted = "0 or at least 3" if blades < 3 else f"{_MOST_BLADES} at most"
+            problem = f"blades must be {wanted}, got {blades}"
+            raise ValueError(f"{problem}; write 0 for a round aperture")
         if not math.isfinite(number("rotation", self.rotation, "it is an angle in degrees")):
-            raise ValueError(
-                f"rotation must be a finite angle in degrees, got {self.rotation}; "
-                "write 0 for a vertex at +x"
-            )
+            problem = f"rotation must be a finite angle in degrees, got {self.rotation}"
+            raise ValueError(f"{problem}; write 0 for a vertex at +x")
         if self.psf_type not in PSF_TYPES:
-            raise ValueError(
-                f"psf_type must be one of {', '.join(PSF_TYPES)}, got {self.psf_type!r}; "
-                "pillbox is the thin lens"
-            )
+            problem = f"psf_type must be one of {', '.join(PSF_TYPES)}, got {self.psf_type!r}"
+            raise ValueError(f"{problem}; pillbox is the thin lens")
         for name, (least, most, meaning) in _RANGES.items():
             if not least <= number(name, getattr(self, name), meaning) <= most:
                 problem = f"{name} must be from {least:g} to {most:g}, got {getattr(self, name)}"
@@ -103,9 +96,8 @@ class Aperture:
         if self.image is not None and blades:
             raise ValueError(f"blades must be 0 beside an image, got {blades}; keep one of them")
         if not blades and not _is(self.curvature, 0.0):
-            raise ValueError(
-                f"curvature must be 0 without blades, got {self.curvature}; give it blades, like 6"
-            )
+            problem = f"curvature must be 0 without blades, got {self.curvature}"
+            raise ValueError(f"{problem}; give it blades, like 6")
 
     @cached_property
     def outline(self) -> Outline:
@@ -117,6 +109,10 @@ class Aperture:
             shape = Disc()
         elif isinstance(self.curvature, Tensor) or self.curvature > _STRAIGHT:
             shape = CurvedPolygon(self.blades, self.rotation, self.curvature)
+        return self._shaped(shape)
+
+    def _shaped(self, shape: Outline) -> Outline:
+        """An outline, obstructed and squeezed."""
         if not _is(self.obstruction, 0.0):
             shape = Obstructed(shape, self.obstruction)
         return shape if _is(self.squeeze, 1.0) else Squeezed(shape, *self.narrowing)
@@ -136,13 +132,12 @@ class Aperture:
     @property
     def fixed(self) -> Aperture:
         """The same pupil with plain numbers for tensors, to cache by."""
-        values = {name: getattr(self, name) for name in _RANGES}
-        tensors: dict[str, Any] = {
+        learnt: dict[str, Any] = {
             name: float(value.detach())
-            for name, value in values.items()
-            if isinstance(value, Tensor)
+            for name in _RANGES
+            if isinstance(value := getattr(self, name), Tensor)
         }
-        return replace(self, **tensors) if tensors else self
+        return replace(self, **learnt) if learnt else self
 
     def transposed(self) -> Aperture:
         """The pupil of a picture whose rows are columns, as up and down are its left and right."""
@@ -154,7 +149,7 @@ class Aperture:
         )
 
     def kernel(
-        self, radius: Tensor, size: int, part: Part = FULL, rim: Rim | None = None
+        self, radius: Tensor, size: int, part: Part = FULL, view: View | None = None
     ) -> Tensor:
         """The blur of a point at the given signed radius, sampled by area.
 
@@ -167,7 +162,7 @@ class Aperture:
             size: Number of pixels on a side. The centre is at (size - 1) / 2 on both axes, for an
                 even size the corner between the four middle pixels.
             part: The part of the pupil to draw; turned with it where radius < 0.
-            rim: The rim that clips the pupil, if one does.
+            view: The pupil as points of the frame see it, if it changes over the frame.
 
         Returns:
             [*radius.shape, size, size], y down then x to the right, in radius' dtype.
@@ -190,31 +185,32 @@ class Aperture:
             area = self._live_area(part)
         r = radius.double()
         r = torch.where(r.abs() < _LEAST_RADIUS, _LEAST_RADIUS, r)
-        fine = 1 if rim is None else fineness(float(r.detach().abs().min()))
+        fine = 1 if view is None else fineness(float(r.detach().abs().min()))
         corners = torch.arange(size * fine + 1, dtype=r.dtype, device=r.device) / fine - size / 2
         u = corners / r[..., None]  # [..., size + 1], descending where r < 0
-        light = self._light(u, r, part, rim)
+        light = self._light(u, r, part, view)
         if fine > 1:
             light = light.reshape(*r.shape, size, fine, size, fine).sum((-3, -1))
-        uneven = self.psf_type == "gaussian" or part.lean or not _is(self.spherical, 0.0)
-        light = light / (light.sum((-2, -1), keepdim=True) if uneven or rim else area)
+        uneven = self.psf_type == "gaussian" or part.is_uneven or not _is(self.spherical, 0.0)
+        light = light / (light.sum((-2, -1), keepdim=True) if uneven or view else area)
         return light.to(radius.dtype)
 
-    def _light(self, u: Tensor, r: Tensor, part: Part, rim: Rim | None) -> Tensor:
+    def _light(self, u: Tensor, r: Tensor, part: Part, view: View | None) -> Tensor:
         """Light between corners u [..., n] of pixels: [..., n - 1, n - 1], of any sum."""
         x, y = part.clamp(u, u)
-        light = self.outline.areas(x, y)
+        outline = self._shaped(view.outline) if isinstance(view, PupilMix) else self.outline
+        light = outline.areas(x, y)
+        # a grey pixel of a picture is no border
+        areas = light if self.image is None else torch.full_like(light, torch.inf)
         if self.psf_type == "gaussian":
             light = light * gaussian(u)
         if not _is(self.spherical, 0.0):
             light = light * self._aberration(u, r)
-        if part.lean:
-            light = light * (1 + part.lean * self.narrowing[0] * middles(u)[..., None, :])
-        if rim is None:
+        if part.is_uneven:
+            light = light * part.counted(u, self.narrowing)
+        if not isinstance(view, Rim):
             return light
-        opening = Squeezed(rim.outline, *self.narrowing).areas(x, y)
-        whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
-        return light * torch.where(whole > 0, opening / torch.where(whole > 0, whole, 1.0), 0.0)
+        return light * view.left_open(areas, x, y, self.narrowing)
 
     def _live_area(self, part: Part) -> Scalar:
         """The area of a part, through which gradients flow to the attributes."""
@@ -235,15 +231,12 @@ class Aperture:
         """The share of the pupil that lies in the part: the weight of this part in the whole.
 
         The kernels of parts that tile the pupil, averaged with these weights, are the kernel of
-        the whole. LEFT and RIGHT weigh 1/2 each for a disc, for polygons with an even number of
-        blades and for odd ones with a vertex at the top or bottom. Otherwise their areas differ
-        (48.9 : 51.1 % for five blades at 0°): the centre is the mean of its parts by these weights,
-        and the pair is made to have the centre as its plain mean, with the ratio of halves
-        normalised each by its area.
-
-        Returns:
-            A number in [0, 1]. Where the pupil is gaussian, the share of its weight, to about 1e-6.
+        the whole. LEFT and RIGHT of an asymmetric pupil differ (48.9 : 51.1 % for five blades at
+        0°): the centre is the mean of its parts by these weights, and the pair is made to have the
+        centre as its plain mean. Of a gaussian pupil the share of its weight, to about 1e-6.
         """
+        if part.sensitivity is not None:
+            return _share_seen(self.fixed, part)
         if part.lean:
             return (1 + part.lean * float(self.narrowing[0] * self.centroid(FULL)[0])) / 2
         weigh, outline = weight_of if self.psf_type == "gaussian" else area_of, self.fixed.outline
@@ -258,8 +251,7 @@ class Aperture:
         """Cut the pupil into parts, first those of the LEFT half, then those of the RIGHT.
 
         Two are the halves, four the halves halved again, each by area. Sixteen lie on a grid that a
-        quarter turn leaves as it is; they differ in area, and those that hold next to nothing of a
-        polygon are left out. The parts of a symmetric pupil are symmetric. With spherical
+        quarter turn leaves as it is, without those that hold next to nothing. With spherical
         aberration sixteen are four: the weights of outer parts would turn with the sign of r.
 
         Raises:
@@ -290,6 +282,15 @@ class Aperture:
 def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
     x, y = aperture.first_moments(_CENTROID_RADIUS, part)
     return x / _CENTROID_RADIUS, y / _CENTROID_RADIUS
+
+
+@lru_cache(maxsize=256)
+def _share_seen(aperture: Aperture, part: Part) -> float:
+    """The share of the light of the pupil that a photodiode gets."""
+    r, size = torch.tensor(_CENTROID_RADIUS, dtype=torch.float64), 2 * int(_CENTROID_RADIUS) + 1
+    corners = torch.arange(size + 1, dtype=r.dtype) - size / 2
+    seen = part.counted(corners / r, aperture.narrowing)
+    return float((aperture.kernel(r, size) * seen).sum()) / 2
 
 
 def _is(value: Scalar, number: float) -> bool:

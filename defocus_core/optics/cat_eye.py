@@ -7,18 +7,21 @@ pupil and the rim do not lie in one line. What is left of the pupil has the shap
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.optics.outline import Disc, Outline, Scalar
+from defocus_core.optics.outline import Disc, Outline, Scalar, Squeezed
+from defocus_core.optics.parts import middles
 from defocus_core.runtime.validation import number
 
 _LENGTHS = "lengths are in radii of the pupil"
 # The rim keeps this share of its radius about the middle of the pupil.
 _LEAST_OPEN = 0.1
+_TINY = 1e-12
 # Radius in px below which a clipped pupil is sampled in parts of a pixel, so many at most.
 _FINE_RADIUS, _MOST_FINE = 10.0, 16
 
@@ -40,6 +43,72 @@ class Rim(NamedTuple):
     def outline(self) -> Outline:
         """The opening of the rim."""
         return _OffsetDisc(*self)
+
+    def left_open(
+        self, areas: Tensor, x: Tensor, y: Tensor, narrowing: tuple[Scalar, Scalar]
+    ) -> Tensor:
+        """The share of the pupil in each pixel that the rim leaves open: [..., m - 1, n - 1].
+
+        Of a pixel that both the border of the pupil and the rim cut, the two cuts share as much as
+        two lines through its middle do at their angle: all of the lesser part where they lie along
+        each other, their product where they cross at right angles.
+
+        Args:
+            areas: [..., m - 1, n - 1] of the pupil in pixels.
+            x: [..., n] lens coordinates u.x of the corners of pixels.
+            y: [..., m] the same of u.y.
+            narrowing: How many times the pupil is narrower along x and y.
+        """
+        opening = Squeezed(self.outline, *narrowing).areas(x, y)
+        whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
+        there = whole > 0
+        pupil, rim = (
+            (area / torch.where(there, whole, 1.0)).clamp(0, 1) for area in (areas, opening)
+        )
+        along = self._along(
+            *(middles(at) * times for at, times in zip((x, y), narrowing, strict=True))
+        )
+        product = pupil * rim
+        most = torch.where(along > 0, torch.minimum(pupil, rim), (pupil + rim - 1).clamp(min=0))
+        both = torch.lerp(product, most, along.abs())
+        lit = there & (pupil > 0)
+        return torch.where(lit, both / torch.where(lit, pupil, 1.0), 0.0)
+
+    def _along(self, x: Tensor, y: Tensor) -> Tensor:
+        """How far the borders of the pupil and of the rim lie along each other: -1 to 1.
+
+        Args:
+            x: [..., n] lens coordinates.
+            y: [..., m].
+        """
+        left, top = (
+            middle[..., None] if isinstance(middle, Tensor) else middle
+            for middle in (self.x, self.y)
+        )
+        across, down = x[..., None, :], y[..., :, None]
+        beside, below = (x - left)[..., None, :], (y - top)[..., :, None]
+        lengths = ((across**2 + down**2) * (beside**2 + below**2) + _TINY).sqrt()
+        cosine = (across * beside + down * below) / lengths
+        return cosine * (0.6 + 0.4 * cosine**2)  # about 1 less the angle in right angles
+
+    @property
+    def points(self) -> int:
+        """The number of points that see it."""
+        return self.x.numel() if isinstance(self.x, Tensor) else 1
+
+    @classmethod
+    def joined(cls, rims: Sequence[Rim]) -> Rim:
+        """Rims of one size as one, as so many points see it."""
+        x, y = (
+            torch.stack([torch.as_tensor(each, dtype=torch.float64) for each in places])
+            for places in zip(*((rim.x, rim.y) for rim in rims), strict=True)
+        )
+        return cls(rims[0].size, x, y)
+
+    def of(self, which: Tensor | slice) -> Rim:
+        """The rim as the points of these indices see it; its size is common to all."""
+        x, y = (torch.as_tensor(place)[which] for place in (self.x, self.y))
+        return self._replace(x=x, y=y)
 
 
 @dataclass(frozen=True)
@@ -94,7 +163,7 @@ class CatEye:
         values = (self.size, self.shift)
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
 
-    def rim(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rim:
+    def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rim:
         """The rim that points of the frame see.
 
         The pupil is clipped on the side of the point: at the right border, where u.x > 0.

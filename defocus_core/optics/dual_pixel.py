@@ -10,7 +10,8 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.outline import Scalar
 from defocus_core.optics.parts import LEFT, RIGHT, Part
-from defocus_core.runtime.validation import number, one_of
+from defocus_core.optics.sensitivity import Sensitivity
+from defocus_core.runtime.validation import described, number, one_of
 
 # The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of
 # the pupil and 0 for the right, or (1 - u.x) / 2 throughout.
@@ -31,6 +32,8 @@ class DualPixel:
             sensitivity that falls linearly from its own side to the other: the linear mask of
             Abuolaim et al., "Learning to reduce defocus blur by realistically modeling dual-pixel
             data", ICCV 2021.
+        measured: What the left and the right photodiodes see of a point beyond focus, by
+            `sensitivities` of kernels that were measured, instead of a model.
         crosstalk: The share of its light that each gives to the other, below 0.5; a number, or a
             tensor of one number that a gradient flows to.
 
@@ -40,9 +43,14 @@ class DualPixel:
 
     model: str = "split"
     crosstalk: Scalar = 0.0
+    measured: tuple[Sensitivity, Sensitivity] | None = None
 
     def __post_init__(self) -> None:
         one_of("model", self.model, DUAL_PIXEL_MODELS)
+        pair = self.measured or ()
+        if pair and [isinstance(each, Sensitivity) for each in pair] != [True, True]:
+            problem = f"measured must be two of Sensitivity, got {described(self.measured)}"
+            raise ValueError(f"{problem}; make them of kernels by sensitivities")
         meaning = "it is the share of the light that goes to the other photodiode"
         if not 0 <= number("crosstalk", self.crosstalk, meaning) < _MOST_CROSSTALK:
             problem = f"crosstalk must be 0 or more and below 0.5, got {self.crosstalk}"
@@ -51,7 +59,10 @@ class DualPixel:
     @property
     def halves(self) -> tuple[Part, Part]:
         """The parts of the pupil that the left and the right photodiodes see."""
-        return _HALVES[self.model]
+        if self.measured is None:
+            return _HALVES[self.model]
+        left, right = (Part(sensitivity=each) for each in self.measured)
+        return left, right
 
     def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
         """The blur of a point in the centre, left and right images: [..., 3, size, size].

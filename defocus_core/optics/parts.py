@@ -10,7 +10,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from defocus_core.optics.outline import Outline
+from defocus_core.optics.outline import Outline, Scalar
+from defocus_core.optics.sensitivity import Sensitivity
 
 # Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
 _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
@@ -24,7 +25,8 @@ _WEIGHING_RADIUS = 256.0
 class Part:
     """An axis-parallel part of the pupil in lens coordinates: x0 <= u.x <= x1, y0 <= u.y <= y1.
 
-    What lies in it counts 1 + lean u.x times; of a squeezed pupil, u.x before it is squeezed.
+    What lies in it counts 1 + lean u.x times, or as often as the sensitivity of a photodiode says;
+    of a squeezed pupil, u before it is squeezed.
     """
 
     x0: float = -1.0
@@ -32,11 +34,29 @@ class Part:
     y0: float = -1.0
     y1: float = 1.0
     lean: float = 0.0
+    sensitivity: Sensitivity | None = None
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether some of it counts more often than the rest."""
+        return bool(self.lean) or self.sensitivity is not None
 
     @property
     def is_left(self) -> bool:
         """Whether it belongs to the left of two halves."""
-        return self.x1 <= 0 or self.lean < 0
+        return self.x1 <= 0 or self.lean < 0 or bool(self.sensitivity and self.sensitivity.is_left)
+
+    def counted(self, u: Tensor, narrowing: tuple[Scalar, Scalar]) -> Tensor:
+        """How often the light counts between corners u [..., n]: [..., n - 1, n - 1] or alike.
+
+        Args:
+            u: Lens points of the corners of pixels.
+            narrowing: How many times the pupil is narrower along x and y.
+        """
+        if self.sensitivity is None:
+            return 1 + self.lean * narrowing[0] * middles(u)[..., None, :]
+        x, y = ((u * times).clamp(-1, 1) for times in narrowing)
+        return 2 * self.sensitivity.between(x, y)
 
     def clamp(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
         """Lens coordinates, moved into the part."""

@@ -55,23 +55,30 @@ class PupilImage(Outline):
         mass = float(self._sums[-1, -1])
         rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in picture.shape)
         self._middle = float(picture.sum(0) @ columns) / mass, float(picture.sum(1) @ rows) / mass
-        reaches = [
-            float((places[lit] - middle).abs().max()) + 0.5
-            for places, middle, lit in (
-                (columns, self._middle[0], picture.amax(0) > 0),
-                (rows, self._middle[1], picture.amax(1) > 0),
-            )
-        ]
-        self._radius = max(reaches)
+        self._lit = [lit.nonzero()[:, 0] for lit in (picture.amax(0) > 0, picture.amax(1) > 0)]
+        self._radius = reach = self._reach(self._middle)
         if like is None:
             return
-        if like._key[0] != self._key[0] or max(reaches) > like._radius + 1e-9 + self._off(like):
+        if like._key[0] != self._key[0] or reach > like._radius + 1e-9 + self._off(like):
             raise ValueError(
                 f"like must be a picture of {self._key[0]} px that holds this one, got one of "
                 f"{like._key[0]}; the mean of all channels is one"
             )
         self._middle, self._radius = like._middle, like._radius
         self._key = (self._key[0], blake2b(self._key[1] + like._key[1]).digest())
+
+    def _reach(self, middle: tuple[float, float]) -> float:
+        """The greatest distance in px from a place to the border of a lit pixel, along an axis."""
+        return max(
+            max(at - int(lit[0]), int(lit[-1]) + 1 - at)
+            for at, lit in zip(middle, self._lit, strict=True)
+        )
+
+    def _about(self, middle: tuple[float, float], radius: float) -> None:
+        """Let another place be the middle of the lens, and another radius its own."""
+        self._middle, self._radius = middle, radius
+        place = repr((*middle, radius)).encode()
+        self._key = (self._key[0], blake2b(self._key[1] + place).digest())
 
     def _off(self, other: PupilImage) -> float:
         """Px between the centroids of two pictures, along the axis where they differ more."""
@@ -83,6 +90,30 @@ class PupilImage(Outline):
     def __hash__(self) -> int:
         return hash(self._key)
 
+    @classmethod
+    def placed(cls, picture: Tensor, middle: tuple[float, float], radius: float) -> PupilImage:
+        """A picture [H, W] as it is: its px x and y in the middle of the lens, and its radius."""
+        image = object.__new__(cls)
+        image._key = (tuple(picture.shape), blake2b(picture.numpy().tobytes()).digest())
+        image._sums = torch.nn.functional.pad(picture, (1, 0, 1, 0)).cumsum(0).cumsum(1)
+        image._about(middle, radius)
+        return image
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """The px, x and y, of the middle of the lens."""
+        return self._middle
+
+    @property
+    def radius(self) -> float:
+        """The radius of the lens in px."""
+        return self._radius
+
+    @property
+    def light(self) -> float:
+        """The sum of the picture."""
+        return float(self._sums[-1, -1])
+
     def transposed(self) -> PupilImage:
         """The picture with rows for columns."""
         other = object.__new__(PupilImage)
@@ -90,7 +121,7 @@ class PupilImage(Outline):
         if self._key[1].endswith(b"transposed"):
             other._key = (other._key[0], self._key[1].removesuffix(b"transposed"))
         other._sums, other._middle = self._sums.mT.contiguous(), self._middle[::-1]
-        other._radius = self._radius
+        other._radius, other._lit = self._radius, self._lit[::-1]
         return other
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:

@@ -226,3 +226,25 @@ def test_sizes_of_pixels_and_depth_are_compared(tmp_path: Path) -> None:
         depth_exr(tmp_path / "z.exr", np.ones((8, 8), np.float32)),
     )
     refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, "8x8 px", "24x16")
+
+
+def test_colours_apart_and_up_and_down_are_counted(tmp_path: Path) -> None:
+    files = (
+        color_exr(tmp_path / "c.exr", texture(TILE, TILE)),
+        depth_exr(tmp_path / "z.exr", ramp(TILE, TILE)),
+    )
+    args = (*files, "-o", tmp_path / "out", "--dry-run", "--json", "--threads", "1")
+    usual, equal, apart, quad = (
+        render(*args, *more).json["pictures"][0]["forecast"]
+        for more in (
+            (),
+            ("--axial-color", "0.1mm:0.1mm"),
+            ("--axial-color", "0.1mm:0.2mm"),
+            ("--outputs", "left,right,up,down"),
+        )
+    )
+    assert [told["renderings"] for told in (usual, equal, apart, quad)] == [1, 2, 3, 2]
+    assert 1.2 < equal["render_seconds"] / usual["render_seconds"] < 1.9
+    assert 1.5 < apart["render_seconds"] / usual["render_seconds"] < 2.8
+    assert 2 < quad["render_seconds"] / usual["render_seconds"] < 5
+    assert "3 renderings of" in render(*args[:-3], "--axial-color", "0.1mm:0.2mm").out

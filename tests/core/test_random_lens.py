@@ -251,3 +251,54 @@ def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(
 def test_what_does_not_fit_together_is_refused(words: str, arguments: tuple[Any, ...]) -> None:
     with pytest.raises(ValueError, match=words):
         draft()(*arguments)
+
+
+LOOK = {
+    "curvature": (0.2, 0.9),
+    "obstruction": (0.1, 0.5),
+    "spherical": (-0.8, 0.8),
+    "squeeze": (1.2, 2.0),
+    "rim_size": (0.9, 1.1),
+    "rim_shift": (0.2, 0.6),
+    "crosstalk": (0.05, 0.3),
+}
+
+
+@pytest.mark.parametrize("name", LOOK)
+def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name: str) -> None:
+    near = torch.full((2, 1, *SIZE), 700.0)
+    known = {"foclen": 85.0, "fnum": 1.4, "foc_dist": 3000.0, "blades": 6, "left_right": True}
+    plain, _ = draft(**known)(image(2), near, [1, 2])
+    views, lenses = draft(**known, **{name: Distribution("uniform", LOOK[name])})(
+        image(2), near, [1, 2]
+    )
+    drawn = getattr(lenses, name).tolist()
+    assert len(set(drawn)) == 2
+    assert all(LOOK[name][0] <= value <= LOOK[name][1] for value in drawn)
+    shown = "left" if name == "crosstalk" else "render"
+    apart = (getattr(views, shown) - getattr(plain, shown)).abs().amax((1, 2, 3))
+    assert float(apart.min()) > 1e-3
+
+
+def test_blades_that_are_drawn_away_have_no_curvature() -> None:
+    blades = Distribution("choice", (0, 6))
+    _, lenses = draft(blades=blades, curvature=0.5)(
+        image(1).expand(8, -1, -1, -1), depth(8), range(8)
+    )
+    assert {(0.0, 0.0), (6.0, 0.5)} == set(
+        zip(lenses.blades.tolist(), lenses.curvature.tolist(), strict=True)
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"obstruction": Distribution("uniform", (0.0, 1.0))}, "obstruction must be"),
+        ({"squeeze": 0.0}, "squeeze must be"),
+        ({"rim_shift": Distribution("uniform", (0.0, 0.9)), "rim_size": 0.9}, "shift must be"),
+        ({"crosstalk": 0.5}, "crosstalk must be"),
+    ],
+)
+def test_a_look_that_makes_no_sense_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        RandomDefocus(**options)

@@ -126,3 +126,57 @@ def test_other_pupils_are_clipped_too() -> None:
         plain = light(112, 34, 14.0, aperture=pupil)
         assert float(shown.sum()) == pytest.approx(1, abs=1e-4)
         assert (shown > 0).sum() < 0.95 * (plain > 0).sum()
+
+
+FRAME = (840, 1000)  # no disc at 0.8 of the field is seen from beyond its border
+LENSES = {
+    "round": (Aperture(), CatEye(1.0, 0.6)),
+    "tight rim": (Aperture(), CatEye(0.8, 0.7)),
+    "mirror": (Aperture(obstruction=0.4), CatEye(1.05, 0.5)),
+    "anamorphic": (Aperture(squeeze=2.0), CatEye(1.0, 0.6)),
+    "ring": (Aperture(spherical=0.7), None),
+    "hexagon": (Aperture(6, 20.0), CatEye(1.0, 0.6)),
+}
+
+
+def sampled(name: str, x: int, y: int, r: float, around: int) -> Tensor:
+    """What a lens makes of a light, from lens points on a grid much finer than pixels."""
+    pupil, rim = LENSES[name]
+    fine, size = 16, 2 * around + 1
+    u = ((torch.arange(size * fine, dtype=torch.float64) + 0.5) / fine - size / 2) / r
+    v, w = u * float(pupil.squeeze), u[:, None]  # across before it is squeezed, and down
+    squared = v * v + w * w
+    inside = squared <= 1
+    if pupil.blades:
+        middle = math.cos(math.pi / 6)
+        for k in range(6):
+            at = math.radians(pupil.rotation + 60 * (k + 0.5))
+            inside &= v * math.cos(at) - w * math.sin(at) <= middle
+    shown = inside * (squared >= pupil.obstruction**2).double()
+    shown = shown * (1 + pupil.spherical * (2 * squared - 1))
+    if rim is not None:
+        corner = math.hypot(*FRAME) / 2
+        left, top = (
+            rim.shift * (n / 2 - at - 0.5) / corner
+            for n, at in zip(FRAME[::-1], (x, y), strict=True)
+        )
+        shown = shown * ((v - left) ** 2 + (w - top) ** 2 <= rim.size**2)
+    counts = shown.reshape(size, fine, size, fine).mean((1, 3))
+    return counts / counts.sum()
+
+
+@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize("place", [0.0, 0.8])
+def test_a_light_of_40_px_is_what_lens_points_make_of_it(name: str, place: float) -> None:
+    pupil, rim = LENSES[name]
+    height, width = FRAME
+    x, y = (int(n / 2 * (1 + place)) for n in (width, height))
+    image = torch.zeros(1, *FRAME)
+    image[0, y, x] = 1e4
+    shown = render(image, torch.full(FRAME, 40.0), aperture=pupil, cat_eye=rim).render[0] / 1e4
+    assert float(shown.sum()) == pytest.approx(1, abs=1e-3)
+    around = 42
+    shown = shown[y - around : y + around + 1, x - around : x + around + 1]
+    expected = sampled(name, x, y, 40.0, around)
+    error = float(((shown - expected) ** 2).mean())
+    assert 10 * math.log10(float(expected.max()) ** 2 / error) > 45

@@ -8,10 +8,21 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import Aperture, DualPixel, PupilImage, render
+from defocus_core import Aperture, DualPixel, PupilImage, render, sensitivities
 
 SMOOTH = DualPixel("smooth")
 CROSSED = DualPixel("split", 0.15)
+
+
+def measured(side: int = 33) -> tuple[Tensor, Tensor]:
+    """Kernels of two photodiodes whose light falls off as a steep, smooth step across a disc."""
+    v = (torch.arange(side, dtype=torch.float64) - side // 2) / (side // 2)
+    disc = (v[None, :] ** 2 + v[:, None] ** 2 <= 1).double()
+    left = disc / (1 + torch.exp(6 * (v[None, :] - 0.1)))
+    return left, disc - left
+
+
+MEASURED = DualPixel(measured=sensitivities(*measured()))
 PUPILS = [
     Aperture(),
     Aperture(6, 10.0),
@@ -34,7 +45,7 @@ def centroid(image: Tensor) -> float:
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
-@pytest.mark.parametrize("dual_pixel", [SMOOTH, CROSSED, DualPixel("smooth", 0.1)])
+@pytest.mark.parametrize("dual_pixel", [SMOOTH, CROSSED, DualPixel("smooth", 0.1), MEASURED])
 def test_the_mean_of_the_pair_stays_the_centre(dual_pixel: DualPixel, quality: str) -> None:
     image, radius = scene()
     views = render(image, radius, quality=quality, left_right=True, dual_pixel=dual_pixel)
@@ -46,7 +57,7 @@ def test_the_mean_of_the_pair_stays_the_centre(dual_pixel: DualPixel, quality: s
 
 
 @pytest.mark.parametrize("pupil", PUPILS)
-@pytest.mark.parametrize("dual_pixel", [DualPixel(), SMOOTH, CROSSED])
+@pytest.mark.parametrize("dual_pixel", [DualPixel(), SMOOTH, CROSSED, MEASURED])
 @pytest.mark.parametrize("r", [14.0, -14.0])
 def test_left_and_right_are_as_far_apart_as_said(
     pupil: Aperture, dual_pixel: DualPixel, r: float
@@ -57,7 +68,8 @@ def test_left_and_right_are_as_far_apart_as_said(
         image, torch.full((80, 80), r), aperture=pupil, left_right=True, dual_pixel=dual_pixel
     )
     apart = centroid(views.right) - centroid(views.left)
-    assert apart == pytest.approx(r * dual_pixel.disparity(pupil), abs=0.05)
+    # light that varies within a pixel is known by its mean
+    assert apart == pytest.approx(r * dual_pixel.disparity(pupil), abs=0.06)
 
 
 def test_halves_of_a_disc_are_half_a_radius_apart_if_smooth_and_less_by_crosstalk() -> None:
@@ -109,3 +121,36 @@ def test_a_gradient_flows_to_the_crosstalk() -> None:
 def test_a_dual_pixel_that_makes_no_sense_is_refused(options: dict, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         DualPixel(**options)
+
+
+@pytest.mark.parametrize("r", [16.5, -16.5])
+def test_a_point_is_what_the_photodiodes_were_measured_to_see(r: float) -> None:
+    left, right = measured()
+    both = Aperture(image=PupilImage(left + right))
+    image = torch.zeros(1, 80, 80)
+    image[0, 40, 40] = 1.0
+    options = {"aperture": both, "left_right": True, "dual_pixel": MEASURED}
+    views = render(image, torch.full((80, 80), r), **options)
+    for view, kernel in ((views.left, left), (views.right, right)):
+        seen = view[0, 24:57, 24:57].double()
+        expected = (kernel if r > 0 else kernel.flip(0, 1)) / left.sum()
+        pair = torch.stack([seen.flatten(), expected.flatten()])
+        assert float(torch.corrcoef(pair)[0, 1]) > 0.998
+    apart = centroid(views.right) - centroid(views.left)
+    at = torch.arange(33, dtype=torch.float64)
+    expected = float((right.sum(0) @ at) / right.sum() - (left.sum(0) @ at) / left.sum())
+    assert apart == pytest.approx(math.copysign(expected, r), abs=0.05)
+
+
+def test_kernels_of_no_pair_are_refused() -> None:
+    left, right = measured()
+    for pair, words in (
+        ((right, left), "left must lie left"),
+        ((left, right[1:]), "right must be a tensor"),
+        ((0 * left, 0 * right), "black"),
+        ((left - 0.1, right), "0 or more"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            sensitivities(*pair)
+    with pytest.raises(ValueError, match="measured must be two"):
+        DualPixel(measured=(left, right))

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import AUTO_LIGHTS, with_lights
+from defocus_core import AUTO_LIGHTS, ClippedLights, with_lights
 
 
 def street() -> Tensor:
@@ -25,16 +25,52 @@ def test_lamps_get_the_gain_in_their_hue_and_walls_and_the_dim_stay() -> None:
     orange = lit[:, 60, 90]
     assert float(orange[0]) > 0.8 * AUTO_LIGHTS[1]
     torch.testing.assert_close(orange / orange[0], torch.tensor([1.0, 0.6, 0.2]))
-    assert torch.equal(lit[:, :, 206:], image[:, :, 206:])
+    assert torch.equal(lit[:, :, 200:], image[:, :, 200:])
     dim = image.amax(0) < AUTO_LIGHTS[0]
     assert torch.equal(lit[:, dim], image[:, dim])
 
 
-def test_the_light_is_continuous_in_the_threshold() -> None:
+def test_all_of_a_blob_gets_one_gain_and_blobs_are_counted() -> None:
+    image = street()
+    image[:, 70:74, 20:26] = 1.0
+    lights = ClippedLights(image, *AUTO_LIGHTS)
+    assert lights.count == 3
+    blob = lights.added[:, 70:74, 20:26]
+    assert float(blob.min()) == float(blob.max()) > 0.5 * AUTO_LIGHTS[1]
+    assert ClippedLights(street(), 0.99, 16.0).count == 2
+    assert ClippedLights(torch.full((3, 9, 9), 0.2), *AUTO_LIGHTS).count == 0
+
+
+@pytest.mark.parametrize("ground", [0.88, 0.8])
+def test_small_spots_of_a_bright_wall_just_beyond_white_stay(ground: float) -> None:
+    image = torch.full((3, 120, 400), ground)
+    image[:, 20:23, 50:53] = 1.0
+    share = (float(with_lights(image, *AUTO_LIGHTS)[0, 21, 51]) - 1) / (AUTO_LIGHTS[1] - 1)
+    assert share < {0.88: 0.01, 0.8: 0.3}[ground]
+    image[:, 10:33, 40:63] *= 0.3  # of a lamp the surroundings are dark
+    image[:, 20:23, 50:53] = 1.0
+    assert float(with_lights(image, *AUTO_LIGHTS)[0, 21, 51]) > 0.8 * AUTO_LIGHTS[1]
+
+
+def test_a_surface_of_a_colour_stays_where_a_white_one_of_its_size_is_a_lamp() -> None:
+    image = torch.full((3, 300, 400), 0.1)
+    image[:, 100:107, 100:107] = torch.tensor([0.1, 0.4, 1.0])[:, None, None]
+    image[:, 200:207, 100:107] = 1.0
+    lit = with_lights(image, *AUTO_LIGHTS)
+    assert float(lit[2, 103, 103]) < 0.3 * AUTO_LIGHTS[1]
+    assert float(lit[2, 203, 103]) == AUTO_LIGHTS[1]
+    image[:, 20:140, 60:160] = torch.tensor([0.1, 0.4, 1.0])[:, None, None]
+    assert torch.equal(with_lights(image, *AUTO_LIGHTS)[:, 20:140], image[:, 20:140])
+
+
+def test_the_light_is_continuous_in_the_threshold_where_blobs_grow_together() -> None:
     image = street()
     image[:, 20, 50] = 0.85
-    steps = [with_lights(image, t / 200, 16.0)[0, 20, 50] for t in range(140, 180)]
-    assert torch.stack(steps).diff().abs().max() < 0.5
+    image[:, 20, 53:202] = 0.82  # a bridge from the lamp to the wall
+    lit = [with_lights(image, t / 400, 16.0) for t in range(280, 380)]
+    steps = torch.stack([each[0, 20:23, 50:53] for each in lit]).diff(dim=0).abs()
+    assert steps.max() < 0.5
+    assert lit[0][0, 21, 51] < 0.7 * lit[-1][0, 21, 51]
 
 
 def test_windows_are_cut_from_the_whole() -> None:

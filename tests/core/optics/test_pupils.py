@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import Aperture, PupilImage, render
+from defocus_core import Aperture, PupilImage, render, render_layers
 from defocus_core.optics.parts import FULL, LEFT, RIGHT
 
 CURVED = Aperture(5, 33.0, curvature=0.6)
@@ -263,3 +263,18 @@ def test_a_pupil_with_its_light_aside_leaves_white_white_and_says_what_it_saw() 
     assert all((view - 1).abs().max() < 1e-5 for view in white.images)
     with pytest.raises(ValueError, match="like must be a picture"):
         PupilImage(picture, like=PupilImage(torch.ones(5, 5)))
+
+
+def test_a_picture_of_a_pupil_leaves_white_layers_white_and_keeps_their_alpha() -> None:
+    picture = torch.zeros(12, 12)
+    picture[:, :4] = 1
+    aside = Aperture(image=PupilImage(picture, like=PupilImage(torch.ones(12, 12))))
+    coverage = torch.ones(2, 40, 44)
+    coverage[0] = torch.linspace(0, 1, 44)
+    radius = torch.stack([torch.full((40, 44), -4.0), torch.full((40, 44), 8.0)])
+    for pupil in (IMAGE, aside):
+        views = render_layers(coverage[:, None], radius, coverage, aperture=pupil)
+        assert (views.render - 1).abs().max() < 1e-5
+    only = render_layers(coverage[:1, None], radius[:1], coverage[:1], aperture=IMAGE).render
+    torch.testing.assert_close(only[0], only[1], atol=1e-5, rtol=0)
+    assert float(only[1].sum()) == pytest.approx(float(coverage[0].sum()), rel=0.02)

@@ -1,0 +1,134 @@
+"""The look of a lens in pictures of layers: elements over plates, deep pictures, holdouts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import read_exr, run
+from deep_files import from_layers, write_deep_samples
+from elements import disc, element, write
+
+from defocus_core import DefocusLens, color_offset, render_layers
+
+LENS = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "1.5m", "--sensor-width", "9mm")
+KINDS = ("over", "deep", "holdout")
+SHIFT = ("--axial-color", "0.4mm:-0.3mm")
+
+
+def layers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+    """A half-covered card before a background that covers all: colours, depth, coverage."""
+    near, rng = disc(), np.random.default_rng(1)
+    coverage = np.stack([0.75 * near, np.ones_like(near)])
+    tint = rng.random((2, 3, 1, 1)).astype(np.float32)
+    color = tint * coverage[:, None]
+    color[1] *= rng.random(near.shape, np.float32)
+    depth = np.broadcast_to(np.float32([1.2, 2.5])[:, None, None], coverage.shape)
+    return color, depth, coverage
+
+
+def scene(folder: Path, kind: str, *, turned: bool = False) -> list[str | Path]:
+    """What a command is given for the layers."""
+    color, depth, coverage = (
+        np.ascontiguousarray(a.swapaxes(-1, -2)) if turned else a for a in layers()
+    )
+    folder.mkdir(parents=True)
+    if kind == "over":
+        own = dict(zip("RGB", color[0], strict=True))
+        plate = dict(zip("RGB", color[1], strict=True))
+        own |= {"A": coverage[0], "Z": np.where(coverage[0] > 0, depth[0], 0)}
+        below = write(folder / "plate.exr", plate | {"Z": depth[1]})
+        return [write(folder / "a.exr", own), "--over", below]
+    if kind == "deep":
+        return [write_deep_samples(folder / "a.exr", from_layers(color, depth, coverage))]
+    plate = dict(zip("RGBA", [*color[1], coverage[1]], strict=True))
+    cut = from_layers(np.zeros_like(color[:1]), depth[:1], coverage[:1])
+    file = write(folder / "a.exr", plate | {"Z": depth[1]})
+    return [file, "--holdout", write_deep_samples(folder / "cut.exr", cut, light="float")]
+
+
+def shown(folder: Path, given: list[str | Path], *options: str) -> dict[str, Any]:
+    """The channels of each kind of picture, as `render.R`."""
+    out = folder / "out"
+    ran = run("render", *given, "-o", out, *LENS, "--exr-type", "float", *options)
+    assert ran.code == 0, ran.err
+    return {
+        f"{file.parent.name}.{name}": plane
+        for file in out.glob("*/a.exr")
+        for name, plane in read_exr(file).items()
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_axial_color_moves_red_and_blue_alone(tmp_path: Path, kind: str) -> None:
+    plain = shown(tmp_path / "p", scene(tmp_path / "p", kind))
+    axial = shown(tmp_path / "a", scene(tmp_path / "a", kind), *SHIFT)
+    assert plain.keys() == axial.keys()
+    np.testing.assert_array_equal(axial["render.G"], plain["render.G"])
+    np.testing.assert_array_equal(axial["render.A"], plain["render.A"])
+    for name in ("render.R", "render.B"):
+        assert np.abs(axial[name] - plain[name]).max() > 0.02
+        assert axial[name].sum() == pytest.approx(plain[name].sum(), rel=0.01)
+
+
+def test_each_colour_of_a_deep_picture_is_that_of_its_own_focus(tmp_path: Path) -> None:
+    axial = shown(tmp_path / "a", scene(tmp_path / "a", "deep"), *SHIFT)
+    color, depth, coverage = (torch.from_numpy(np.array(a, np.float64)) for a in layers())
+    height, width = coverage.shape[-2:]
+    sensor = 9.0, 9.0 * height / width
+    lens = DefocusLens(50.0, 1.0, sensor, (width, height), "cpu", torch.float64)
+    lens.refocus(1500.0)
+    for name, channel, shift in (("R", 0, 0.4), ("B", 2, -0.3)):
+        radius = lens.signed_radius(depth * 1000) + color_offset(lens, shift)
+        expected = render_layers(color[:, channel : channel + 1], radius, coverage).render[0]
+        assert np.abs(axial[f"render.{name}"] - expected.numpy()).max() < 2e-3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_up_and_down_are_left_and_right_of_the_turned_scene(tmp_path: Path, kind: str) -> None:
+    width = ("--sensor-width", f"{9 * 40 / 60}mm")
+    upright = shown(tmp_path / "a", scene(tmp_path / "a", kind), "--outputs", "up,down")
+    given = scene(tmp_path / "b", kind, turned=True)
+    turned = shown(tmp_path / "b", given, "--outputs", "left,right", *width)
+    for name in "RGBA":
+        np.testing.assert_allclose(upright[f"up.{name}"], turned[f"left.{name}"].T, atol=1e-4)
+        np.testing.assert_allclose(upright[f"down.{name}"], turned[f"right.{name}"].T, atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_colour_of_layers_sees_its_own_opening(tmp_path: Path, kind: str) -> None:
+    picture = np.zeros((12, 12, 3))
+    picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
+    np.save(tmp_path / "filter.npy", picture)
+    options = ("--aperture-image", str(tmp_path / "filter.npy"))
+    plain = shown(tmp_path / "p", scene(tmp_path / "p", kind))
+    filtered = shown(tmp_path / "a", scene(tmp_path / "a", kind), *options)
+    assert plain.keys() == filtered.keys()
+    for name in "RGB":
+        assert np.abs(filtered[f"render.{name}"] - plain[f"render.{name}"]).max() > 0.02
+
+
+def test_clipped_lights_of_an_element_are_brightened_and_counted(tmp_path: Path) -> None:
+    own, ones = element(disc(), (0.2, 0.2, 0.2), 1.2), np.ones((40, 60), np.float32)
+    for name in "RGB":
+        own[name][20:22, 30:32] = 1
+    plate = dict.fromkeys("RGB", 0.1 * ones) | {"Z": 2.5 * ones}
+    plate["R"][4, 50] = plate["G"][4, 50] = plate["B"][4, 50] = 1
+    given = [write(tmp_path / "a.exr", own), "--over", write(tmp_path / "plate.exr", plate)]
+    plain = shown(tmp_path / "p", given)["render.G"]
+    lit = shown(tmp_path / "l", given, "--highlights", "auto")["render.G"]
+    gained = lit - plain
+    assert gained.sum() == pytest.approx(15 * 5, rel=0.05)
+    assert gained[:10, 44:56].sum() == pytest.approx(15, rel=0.05)
+    record = json.loads((tmp_path / "l/out/journal.jsonl").read_text().splitlines()[-1])
+    assert "2 clipped lights brightened" in record["color_note"]
+    plate["R"][0, 0] = 3.0  # measured light
+    given[-1] = write(tmp_path / "bright.exr", plate)
+    ran = [
+        shown(tmp_path / str(k), given, *o) for k, o in enumerate([(), ("--highlights", "auto")])
+    ]
+    np.testing.assert_array_equal(ran[0]["render.G"], ran[1]["render.G"])
