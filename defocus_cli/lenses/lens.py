@@ -52,7 +52,6 @@ class Lens:
     blades: int = 0
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
-    radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
     sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
@@ -69,6 +68,7 @@ class Lens:
     dp_crosstalk: float = 0.0
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
     noise_seed: int = 0
+    radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # How errors about its focus begin: the file that sets it, or two dashes.
     focus_source: str = field(default="", compare=False)

@@ -103,6 +103,8 @@ def fit_pair(
             exposure=options.exposure,
             gamma=options.gamma,
             shift=options.shift,
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
             progress=progress,
         )
     except ValueError as error:

@@ -66,6 +66,8 @@ def fit(
     exposure: bool = False,
     gamma: bool = False,
     shift: bool = False,
+    depth_repair: str = "auto",
+    edge_width: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fit:
     """Find the blur that turns a sharp picture into a blurred one.
@@ -79,6 +81,8 @@ def fit(
         exposure: Whether each channel may have a factor between the two pictures.
         gamma: Whether the power is to be found by which the pictures are linear light.
         shift: Whether the blurred picture may be shifted by up to 16 px.
+        depth_repair: As for `render`.
+        edge_width: As for `render`.
         progress: Called with (renderings done, about how many in all).
 
     Raises:
@@ -89,7 +93,15 @@ def fit(
     _check(sharp, disparity, seen)
     span = float(disparity.max() - disparity.min())
     with torch.no_grad(), own_modes(sharp.device):
-        residual = Residual(sharp, disparity, seen, exposure=exposure, progress=progress)
+        residual = Residual(
+            sharp,
+            disparity,
+            seen,
+            exposure=exposure,
+            depth_repair=depth_repair,
+            edge_width=edge_width,
+            progress=progress,
+        )
         free = unknowns(span, gamma=gamma, shift=shift)
         search = Search(residual, free, rotation=rotation)
         found = search.best(apertures)

@@ -38,7 +38,9 @@ class Residual:
         seen: tuple[Tensor, ...],
         *,
         exposure: bool,
-        progress: Callable[[int, int], None] | None,
+        depth_repair: str = "auto",
+        edge_width: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Keep the pictures.
 
@@ -47,10 +49,13 @@ class Residual:
             disparity: [H, W].
             seen: One blurred picture, or left and right.
             exposure: Whether each channel has a factor.
+            depth_repair: As for `render`.
+            edge_width: As for `render`, in px of the pictures.
             progress: Called with (renderings done, about how many in all).
         """
         self.width = sharp.shape[2]
         self.exposure, self._progress, self._done = exposure, progress, 0
+        self._repair, self._edge_width = depth_repair, edge_width
         self._pictures = (sharp, disparity, seen)
         self._middle = float(seen[0].float().abs().median().clamp_min(1e-3))
         top = float(seen[0].max())
@@ -122,6 +127,8 @@ class Residual:
             quality=quality,
             left_right=len(scale.seen) > 1,
             infinity=strength * point.focus,
+            depth_repair=self._repair,
+            edge_width=None if self._edge_width is None else self._edge_width * scale.factor,
         )
         self._done += 1
         if self._progress is not None:

@@ -133,6 +133,19 @@ def test_pictures_of_which_all_is_clipped_are_refused() -> None:
     assert any("the strength is known to more than 10 %" in doubt for doubt in found.doubts)
 
 
+def test_depth_is_repaired_in_a_fit_as_it_is_asked_for() -> None:
+    """Edges of depth that are soft by 3 px: with and without their repair other pictures fit."""
+    image, disparity = scene()
+    box = torch.ones(1, 1, 7, 7) / 49
+    padded = torch.nn.functional.pad(disparity[None, None], (3, 3, 3, 3), mode="replicate")
+    soft = torch.nn.functional.conv2d(padded, box)[0, 0]
+    seen = blurred(image, disparity)
+    repaired, as_given = (fit(image, soft, seen, depth_repair=r) for r in ("auto", "off"))
+    assert repaired.psnr[1] > as_given.psnr[1] + 0.5
+    surfaces = fit(image, soft, seen, edge_width=0.0)
+    assert surfaces.psnr[1] < repaired.psnr[1]
+
+
 def test_what_cannot_be_told_is_said() -> None:
     image, disparity = scene()
     found = fit(image, disparity, image)

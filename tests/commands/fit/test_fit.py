@@ -101,6 +101,18 @@ def test_gamma_shift_and_rotation_are_found_if_asked_for(pair: tuple[Path, Path,
     assert "px to the right" in shown
 
 
+def test_depth_is_repaired_or_not_as_it_is_asked_for(pair: tuple[Path, Path, Path]) -> None:
+    near = 1 / read_exr(pair[1])["Z"]
+    soft = np.mean([np.roll(near, (y, x), (0, 1)) for y in range(-3, 4) for x in range(-3, 4)], 0)
+    write_exr(pair[0].parent / "soft.exr", Z=(1 / soft).astype(np.float32))
+    files = (pair[0], pair[0].parent / "soft.exr", pair[2], "--json")
+    repaired, as_given = (
+        json.loads(run("fit", *files, "--depth-repair", how).out)["pairs"][0]["psnr"]["all"]
+        for how in ("auto", "off")
+    )
+    assert repaired > as_given + 0.1
+
+
 def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -> None:
     folder, light = pair[0].parent, read_exr(pair[0])
     for pixels in light.values():
