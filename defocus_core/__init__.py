@@ -19,13 +19,20 @@ from defocus_core.engine.picture import shared_fill
 from defocus_core.engine.settings import Settings
 from defocus_core.engine.shared_fill import SharedFill
 from defocus_core.evaluation import baselines, metrics
+from defocus_core.evaluation.controllability import (
+    STRENGTHS,
+    blur_made,
+    rank_correlation,
+    rises,
+)
 from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.lens_laws import LAWS, verify
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
 from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
-from defocus_core.fitting import Fit, fit
+from defocus_core.fitting.matched_blur import MatchedBlur, fnum_of_strength, matched_blur
+from defocus_core.fitting.pair import Fit, fit
 from defocus_core.images.clipped_lights import AUTO_LIGHTS, ClippedLights, with_lights
 from defocus_core.images.order_statistics import depth_percentile
 from defocus_core.images.source import Pixels
@@ -60,6 +67,7 @@ __all__ = [
     "LAWS",
     "QUALITIES",
     "SCENE_KINDS",
+    "STRENGTHS",
     "Aperture",
     "Behind",
     "CatEye",
@@ -77,6 +85,7 @@ __all__ = [
     "HiddenLayer",
     "Layered",
     "Lenses",
+    "MatchedBlur",
     "Pixels",
     "PupilField",
     "PupilImage",
@@ -91,6 +100,7 @@ __all__ = [
     "Views",
     "agreed_repair",
     "baselines",
+    "blur_made",
     "cells_bytes",
     "chained",
     "cheapest_within",
@@ -102,15 +112,19 @@ __all__ = [
     "diagnose_depth",
     "drawn",
     "fit",
+    "fnum_of_strength",
+    "matched_blur",
     "memory_bound",
     "metrics",
     "planar_depth",
     "quantisation",
+    "rank_correlation",
     "render",
     "render_layers",
     "repair_depth",
     "repair_options",
     "repair_through",
+    "rises",
     "scenery",
     "seen_behind",
     "sensitivities",

@@ -17,15 +17,7 @@ TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # Folders, and modules beside them, from the outside to the inside: each imports only from those
 # below it.
 CORE_ORDER = (
-    *(
-        "__init__",
-        "evaluation",
-        "fitting",
-        "fit_search",
-        "random_lens",
-        "lens_options",
-        "distributions",
-    ),
+    *("__init__", "evaluation", "fitting", "random_lens", "lens_options", "distributions"),
     *("lens", "render", "stream", "engine", "compositing", "blur", "sequences", "depth"),
     *("inpainting", "layers", "images", "optics", "runtime", "renderer_version"),
 )

@@ -23,7 +23,7 @@ from defocus_cli.journal.journal import Journal, Record, input_path, journal_pat
 from defocus_cli.journal.lock import Check, LockLost, locked
 from defocus_cli.journal.run_file import RunPlan
 from defocus_cli.system import console
-from defocus_cli.system.errors import InputError
+from defocus_cli.system.errors import InputError, alike
 from defocus_cli.system.interrupts import Interrupts
 from defocus_cli.system.safe_files import unwritable
 
@@ -54,6 +54,7 @@ class Summary:
     statuses: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
     warned: int = 0
+    warnings: Counter[str] = field(default_factory=Counter)  # without their numbers
     seconds: float = 0.0
     interrupted: bool = False
 
@@ -191,6 +192,7 @@ class _Batch:
         self.summary.left -= 1
         self.summary.statuses[result["status"]] += 1
         self.summary.warned += bool(result["warnings"])
+        self.summary.warnings.update({alike(warning) for warning in result["warnings"]})
         if result["reason"]:
             self.summary.reasons[result["reason"]] += 1
         if result["status"] == "failed" and self.execution.fail_fast:

@@ -63,8 +63,7 @@ def measure_shot(
     try:
         unit = FftUnit(sharp)
         for method in methods:
-            work = _work(method, shot, sharp, radius, threads)
-            picture, cost = measured(work, unit, repeats=1)
+            picture, cost = measured(work(method, shot, sharp, radius, threads), unit, repeats=1)
             picture = picture.cpu()
             if show is not None:
                 show(shot, pictures, method, picture)
@@ -77,19 +76,21 @@ def measure_shot(
         raise InputError(shot.folder, problem, "use --device cpu") from None
 
 
-def _work(
-    method: str, shot: Shot, sharp: Tensor, radius: Tensor, threads: int
+def work(
+    method: str, shot: Shot, sharp: Tensor, radius: Tensor, threads: int, strength: float = 1.0
 ) -> Callable[[], Tensor]:
+    """The rendering of a shot by a method, with its radii times a strength."""
     from defocus_core import Aperture, baselines, render
 
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
+    radius = radius * strength
     if method == "input":
         return lambda: sharp
     if method in BASELINES:
         layered = {"sum": baselines.plain_sum, "over": baselines.over}[method]
         return lambda: layered(sharp, radius, aperture=aperture, threads=threads)
     height, width = radius.shape
-    infinity = radius_at_infinity(shot.lens, (width, height))
+    infinity = strength * radius_at_infinity(shot.lens, (width, height))
     return lambda: (
         render(
             sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity

@@ -13,7 +13,7 @@ from defocus_cli.options.reading import depth_reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
 from defocus_cli.reports import conversion_report
 from defocus_cli.system import console
-from defocus_cli.system.errors import UserError
+from defocus_cli.system.errors import Failures, UserError
 
 
 @click.command(
@@ -59,6 +59,7 @@ def command(
       sky_pixels, replaced_pixels
       note         how the file was read
       warnings     what was taken for granted, and what tells of another format
+    and "failed" of files that could not be converted: subject, problem, remedy
 
     \b
     Examples:
@@ -69,15 +70,13 @@ def command(
     """  # noqa: D301  click reads the backspace
     wanted = places(files, out, preview=preview)
     refuse_existing(wanted, overwrite=overwrite)
-    failed: UserError | None = None
+    failures = Failures()
     records = []
     for place in wanted:
         try:
             converted = convert(place, reading)
         except UserError as error:
-            if failed:
-                failed.show()
-            failed = error
+            failures.add(error)
             continue
         records.append(conversion_report.record(converted))
         for warning in converted.warnings:
@@ -85,6 +84,5 @@ def command(
         if not as_json:
             console.tell(conversion_report.line(converted))
     if as_json and records:
-        console.print_json(files=records)
-    if failed:
-        raise failed
+        console.print_json(files=records, failed=failures.records())
+    failures.end()

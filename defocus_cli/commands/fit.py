@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
-from defocus_cli.jobs.job import Reading
+from defocus_cli.jobs.job import Picture, Reading
 from defocus_cli.jobs.lens_options import PARSERS
 from defocus_cli.jobs.pairing import find_pictures
+from defocus_cli.jobs.random_lenses import Sampling
+from defocus_cli.lenses.radius_set import read_radius_set
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
-from defocus_cli.rendering import lens_fit
+from defocus_cli.rendering import lens_fit, lens_match
 from defocus_cli.reports.batch_report import tile_bar
 from defocus_cli.system import console
-from defocus_cli.system.errors import InputError, UsageProblem, UserError
+from defocus_cli.system.errors import Failures, InputError, UsageProblem, UserError
 
 _MOST_BLADES = 99
+_Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
 
 
 def _blades(text: str) -> tuple[int, ...]:
@@ -35,13 +41,28 @@ def _blades(text: str) -> tuple[int, ...]:
 )
 @click.argument("sharp", type=FilePath(), metavar="SHARP")
 @click.argument("depth", type=FilePath(), metavar="DEPTH")
-@click.argument("blurred", type=FilePath(), metavar="BLURRED")
+@click.argument("blurred", type=FilePath(), required=False, metavar="[BLURRED]")
 @grouped_option(
     "Files",
     "--right",
     type=FilePath(),
     metavar="FILE",
     help="The right picture of a dual-pixel pair, of which BLURRED is the left one.",
+)
+@grouped_option(
+    "Files",
+    "--match",
+    type=FilePath(),
+    metavar="SET",
+    help="Instead of BLURRED: a finished batch, or a table of radii (.csv, .jsonl), whose "
+    "distribution of radii the pictures are to have.",
+)
+@grouped_option(
+    "Files",
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Other lenses for --match.  [default: 0]",
 )
 @grouped_option(
     "Output",
@@ -77,7 +98,7 @@ def _blades(text: str) -> tuple[int, ...]:
     default="0",
     show_default=True,
     metavar="N,…",
-    help="Numbers of blades to choose from; 0 is round.",
+    help="Numbers of blades to choose from; 0 is round. Their rotation is found, too.",
 )
 @grouped_option(
     "Lens",
@@ -85,23 +106,42 @@ def _blades(text: str) -> tuple[int, ...]:
     is_flag=True,
     help="Find a factor for each colour, too: the pictures differ in exposure or white balance.",
 )
+@grouped_option(
+    "Lens",
+    "--gamma",
+    is_flag=True,
+    help="Find the power by which the files are linear light, too: their curve is not known.",
+)
+@grouped_option(
+    "Lens",
+    "--shift",
+    is_flag=True,
+    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too.",
+)
 @reading_options
 @shared.json_option
 def command(
     sharp: Path,
     depth: Path,
-    blurred: Path,
+    blurred: Path | None,
     right: Path | None,
+    match: Path | None,
+    seed: int | None,
     out: Path | None,
     overwrite: bool,
     focal_length: float,
     sensor_width: float,
     blades: tuple[int, ...],
     exposure: bool,
+    gamma: bool,
+    shift: bool,
     reading: Reading,
     as_json: bool,
 ) -> None:
     """Find focus and f-number by which SHARP with its DEPTH looks like BLURRED; files or folders.
+
+    With --match SET, find those by which pictures are as much blurred as the pictures of SET: the
+    mean, the median and the 99th percentile of their radii are distributed as there.
 
     The radius of the blur is affine in 1/depth. So depth of unknown scale and shift will do: give
     any --depth-range, and use the lens file with the same one. Pixels that are clipped, or that a
@@ -112,19 +152,33 @@ def command(
       picture      its path
       focus_m, focus_dioptres, focus_error_dioptres; focus_m is null at infinity
       fnumber, fnumber_error (relative), px_per_dioptre
-      blades, gains
+      blades, blade_rotation_deg, gains
+      gamma, gamma_error (relative), shift_px (right, down)
+      coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
+      asked        with --match, the same of SET
       psnr         all, edges, elsewhere, in dB of compressed light
       doubts       what these pictures do not tell
+    and "failed" of pictures without a lens: subject, problem, remedy
 
     \b
     Examples:
       defocus fit sharp.exr depth.exr blurred.exr -o lens.toml
       defocus fit sharp.png d.png blurred.png --depth-kind disparity --depth-range 1m 20m
+      defocus fit sharp depth --match out/set -o lenses
       defocus fit sharp depth blurred -o lenses --focal-length 85mm --exposure --blades 0,7
     """  # noqa: D301  click reads the backspace
-    pairs = lens_fit.pairs_of(find_pictures(sharp, depth), blurred, right)
+    options = lens_fit.FitOptions(
+        focal_length, sensor_width, blades, exposure=exposure, gamma=gamma, shift=shift
+    )
+    _refuse_idle(blurred, match, seed, right, options)
+    pictures = find_pictures(sharp, depth)
+    finding = (
+        _by_pairs(pictures, blurred, right, reading, options)
+        if match is None
+        else _by_match(pictures, match, seed or 0, reading, options)
+    )
     many = sharp.is_dir()
-    places = [out and (out / f"{p.picture.stem}.toml" if many else out) for p in pairs]
+    places = [out and (out / f"{p.stem}.toml" if many else out) for p in pictures]
     for named in filter(None, places):
         if named.suffix != ".toml":
             raise UsageProblem("-o", f"{named} is no lens file", "let it end in .toml")
@@ -132,24 +186,67 @@ def command(
             raise InputError(named, "is there already", "give another -o, or --overwrite")
     if many and out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    options = lens_fit.FitOptions(focal_length, sensor_width, blades, exposure)
-    records, failed = [], None
-    for pair, place in zip(pairs, places, strict=True):
+    records, failures = [], Failures()
+    for picture, find, place in zip(pictures, finding, places, strict=True):
         try:
             with tile_bar() as progress:
-                record = lens_fit.fit_pair(pair, reading, options, progress)
+                record = find(progress)
         except UserError as error:
-            if failed:
-                failed.show()
-            failed = error
+            failures.add(error)
             continue
         if place is not None:
             lens_fit.write_lens(place, record)
         records.append({**record, "out": None if place is None else str(place)})
         if not as_json:
-            lines = lens_fit.words(record)
-            click.echo("\n".join([f"{pair.picture.color}:", *(f"  {line}" for line in lines)]))
-    if as_json:
-        console.print_json(pairs=records)
-    if failed:
-        raise failed
+            lines = lens_match.match_words(record) if match else lens_fit.words(record)
+            click.echo("\n".join([f"{picture.color}:", *(f"  {line}" for line in lines)]))
+    if as_json and records:
+        console.print_json(pairs=records, failed=failures.records())
+    failures.end()
+
+
+def _by_pairs(
+    pictures: list[Picture],
+    blurred: Path | None,
+    right: Path | None,
+    reading: Reading,
+    options: lens_fit.FitOptions,
+) -> list[_Find]:
+    """What finds the lens of each picture, from its blurred one."""
+    assert blurred is not None
+    pairs = lens_fit.pairs_of(pictures, blurred, right)
+    return [partial(lens_fit.fit_pair, pair, reading, options) for pair in pairs]
+
+
+def _by_match(
+    pictures: list[Picture], match: Path, seed: int, reading: Reading, options: lens_fit.FitOptions
+) -> list[_Find]:
+    """What finds the lens of each picture, from the radii of a set."""
+    sampling = Sampling(1, seed, match=read_radius_set(match))
+
+    def found(picture: Picture, _: object) -> dict[str, Any]:
+        sizes = options.foclen, options.sensor_width
+        return lens_match.match_picture(picture, reading, *sizes, sampling)
+
+    return [partial(found, picture) for picture in pictures]
+
+
+def _refuse_idle(
+    blurred: Path | None,
+    match: Path | None,
+    seed: int | None,
+    right: Path | None,
+    options: lens_fit.FitOptions,
+) -> None:
+    """Refuse what has no effect, with or without a set to match."""
+    if match is None:
+        if seed is not None:
+            raise UsageProblem("--seed", "has no effect without --match", "leave it out")
+        if blurred is None:
+            raise UsageProblem("BLURRED", "is missing", "give the blurred picture, or --match SET")
+        return
+    beside = {"BLURRED": blurred, "--right": right, "--blades": options.blades != (0,)}
+    beside |= {f"--{name}": getattr(options, name) for name in ("exposure", "gamma", "shift")}
+    for name, value in beside.items():
+        if value:
+            raise UsageProblem(name, "stands beside --match, which needs none", "remove one")

@@ -17,7 +17,7 @@ from defocus_cli.reports.inspection import inspect, inspect_pairs
 from defocus_cli.reports.repair_drawing import check_preview, draw_repair
 from defocus_cli.shots.frame_patterns import is_pattern
 from defocus_cli.system import console
-from defocus_cli.system.errors import UserError
+from defocus_cli.system.errors import Failures, UserError
 
 
 @click.command(
@@ -84,6 +84,7 @@ def command(
       evidence     what shows that the colour is blurred already, or does not lie on the depth
       repair, depth_repair, preview
                    with --preview: what was done to the depth with the colours, and the PNG
+    and "failed" of files that cannot be read: subject, problem, remedy
 
     \b
     Examples:
@@ -103,26 +104,24 @@ def command(
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     if preview is not None:
         check_preview(preview, files, lens)
-    failed: UserError | None = None
+    failures = Failures()
     records = []
     for file in files:  # each is reported before the next is read
         try:
             record = inspect(file, reading, lens, lone=len(files) == 1)
         except UserError as error:
-            if failed:
-                failed.show()
-            failed = error
+            failures.add(error)
             continue
         records.append(record)
         for line in () if as_json else inspection_report.lines(record):
             console.tell(line)
     pairs = inspect_pairs(records, reading, lens)
-    if preview is not None and lens is not None and not failed:
+    if preview is not None and lens is not None and not failures:
         draw_repair(pairs, reading, lens, preview)
     for pair in () if as_json else pairs:
         for line in inspection_report.pair_lines(pair):
             console.tell(line)
     if as_json and (records or shots):
-        console.print_json(files=records, pairs=pairs, **({"shots": shots} if shots else {}))
-    if failed:
-        raise failed
+        more = {"shots": shots} if shots else {}
+        console.print_json(files=records, pairs=pairs, **more, failed=failures.records())
+    failures.end()

@@ -38,7 +38,10 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
         own = [record for record in records if record["sample_id"] in asked]
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
-    written = [sample_index.write(out, records), *card.write(out, records)]
+    made = card.card_of(records)
+    written = [sample_index.write(out, records), *card.write(out, made)]
+    if words := card.match_words(made):
+        console.say(f"{written[-1]}: radii and those of the set matched: {words}")
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
@@ -55,7 +58,7 @@ def refresh(out: Path, done: Collection[str]) -> None:
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
     path = sample_index.write(out, records)
-    card.write(out, records)
+    card.write(out, card.card_of(records))
     console.say(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
 

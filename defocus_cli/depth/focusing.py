@@ -10,6 +10,7 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
+from defocus_cli.depth.matching import matched
 from defocus_cli.jobs.job import Machine
 from defocus_cli.jobs.lens_options import refuse_near_focus
 from defocus_cli.jobs.random_lenses import drawn_lens
@@ -42,7 +43,8 @@ def focused(lens: Lens, depth: Depth) -> Lens:
     for attempt in range(ATTEMPTS):
         if attempt and lens.draw is not None:
             draw = dataclasses.replace(lens.draw, attempt=attempt)
-            lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
+            again = drawn_lens(draw, lens.focus_source, lens.max_coc)
+            lens = dataclasses.replace(again, radii_px=lens.radii_px)
         try:
             return _within_max_coc(_focused_once(lens, depth), depth)
         except Rejected as error:
@@ -195,7 +197,9 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
 
 
 def _focused_once(lens: Lens, depth: Depth) -> Lens:
-    """The lens with the focus distance that the depth decides."""
+    """The lens with the focus distance that the depth decides, and the f-number if it does."""
+    if lens.radii_px is not None:
+        return matched(lens, depth)
     if lens.focus_at is not None:
         return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
     if lens.focus_percentile is not None:

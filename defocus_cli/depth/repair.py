@@ -26,7 +26,8 @@ def repair_words(repair: DepthRepair | None) -> str:
         done.append(f"anti-aliased as averages of {of}, its edges made hard")
     if repair.soft_edges is not None:
         wide = "" if repair.edge_width is None else f", {repair.edge_width:.3g} px wide before"
-        done.append(f"its soft edges made steps{wide}")
+        of = "" if repair.ramps_of is None else " of distance"
+        done.append(f"its soft edges{of} made steps{wide}")
     if repair.edge_shifts is not None:
         shift = round(repair.edge_shifts.median, 1) + 0.0  # no minus before 0
         done.append(f"its edges moved to those of the colours, {shift:+.1f} px in the median")

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from defocus_cli.dataset import card_tables
+from defocus_cli.dataset.card import card_of
 from defocus_cli.formats.kinds import KINDS
 from defocus_cli.html.budget import values_room
-from defocus_cli.html.item import Column, Item, Layer, Report
+from defocus_cli.html.item import Column, Item, Layer, Report, Table
 from defocus_cli.html.layers import WHOLE, window_of, with_values
 from defocus_cli.html.page import write_report
 from defocus_cli.html.render_command import render_command
@@ -61,7 +63,9 @@ def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) 
     items = [_item(record, layers, out) for record, layers in zip(records, drawings, strict=True)]
     counts = Counter(item.status for item in items)
     words = [f"Directory: {out}", ", ".join(f"{n} {status}" for status, n in counts.items())]
-    write_report(path, Report(f"Batch in {out}", words, items, _COLUMNS))
+    card = card_tables.tables_of(card_of(records))
+    tables = [Table(each.title, each.heading, each.rows) for each in card]
+    write_report(path, Report(f"Batch in {out}", words, items, _COLUMNS, tables))
     return len(items)
 
 

@@ -104,6 +104,15 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Table:
+    """A table of words: its title, the heading of each column, and the cells of each row."""
+
+    title: str
+    heading: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
 class Report:
     """A report.
 
@@ -112,9 +121,11 @@ class Report:
         words: what it is of, a line each.
         items: the most important first.
         columns: the numbers that the table shows.
+        tables: what sums the items up: of each the title, the heading and the rows.
     """
 
     title: str
     words: Sequence[str]
     items: Sequence[Item]
     columns: Sequence[Column]
+    tables: Sequence[Table] = ()

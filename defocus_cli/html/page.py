@@ -110,6 +110,14 @@ def _printed(report: Report, items: Sequence[Item]) -> dict[str, Any]:
         "title": printable(report.title),
         "words": words,
         "columns": report.columns,
+        "tables": [
+            {
+                "title": printable(table.title),
+                "heading": table.heading,
+                "rows": [[printable(cell) for cell in row] for row in table.rows],
+            }
+            for table in report.tables
+        ],
         "rows": rows,
     }
 

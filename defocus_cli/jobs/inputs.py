@@ -16,28 +16,25 @@ its outputs are named) and any option of a lens. Paths are relative to the file 
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from defocus_cli.jobs.job import OTHERS, Picture
 from defocus_cli.jobs.lens_options import PARSERS, checked, refuse_contradiction
 from defocus_cli.jobs.pairing import SCENE_SUFFIXES, find_pictures, whole_shot
 from defocus_cli.jobs.toml_file import Table, refuse_unknown
 from defocus_cli.shots.frame_patterns import MISSING, frame_choice
-from defocus_cli.system.errors import InputError, UsageProblem, reason
+from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_cli.system.rows import Row, read_rows
 
 FILES = ("color", "depth", *(f"{role}-{file}" for role in OTHERS for file in ("color", "depth")))
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
-LIST_SUFFIXES = (".csv", ".jsonl")
-LONGEST_LINE = 2**20
 _TRIED = 100  # first rows of which one file at least must exist
-_Row = tuple[str, Mapping[str, Any]]  # place, for errors, and values
+_EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
     table.refuse_unknown(KEYS)
     entries = [
         *_from_files(table, keyed),
-        *(entry for file in _lists(table) for entry in _from_rows(_read_rows(file), file)),
+        *(entry for file in _lists(table) for entry in _from_list(file)),
         *_from_tables(table),
     ]
     if not entries:
@@ -154,7 +151,11 @@ def _from_tables(table: Table) -> list[Entry]:
     return _from_rows(zip(places, tables, strict=False), table.file)
 
 
-def _from_rows(rows: Iterable[_Row], file: Path) -> list[Entry]:
+def _from_list(file: Path) -> list[Entry]:
+    return _from_rows(read_rows(file, "list of pictures", _EXAMPLE), file)
+
+
+def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
     entries = [_entry(row, where, file.parent) for where, row in rows]
     if not entries:
@@ -203,65 +204,3 @@ def _stem(value: object, where: str) -> str:
         remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
         raise InputError(f"{where}: stem", f"{value!r} cannot name a file", remedy)
     return stem
-
-
-def _read_rows(file: Path) -> Iterator[_Row]:
-    """Place and values of each row, without those that are empty or null.
-
-    Raises:
-        InputError: the file cannot be read, or a line is no row; the line is named.
-    """
-    if file.suffix.lower() not in LIST_SUFFIXES:
-        remedy = f"name it after its type, {' or '.join(LIST_SUFFIXES)}"
-        raise InputError(file, "is no list of pictures by its name", remedy)
-    rows = _csv_rows if file.suffix.lower() == ".csv" else _json_rows
-    try:
-        with file.open(encoding="utf-8-sig", newline="") as opened:
-            yield from rows(file, opened)
-    except OSError as error:
-        raise InputError(file, f"cannot be read: {reason(error)}", "check the path") from None
-    except UnicodeDecodeError:
-        raise InputError(file, "is not UTF-8 text", "save it as UTF-8") from None
-
-
-def _csv_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
-    reader = csv.reader(opened, strict=True)
-    try:
-        keys = [key.strip() for key in next(reader, [])]
-        if not keys:
-            raise InputError(file, "is empty", "begin it with a line like color,depth")
-        if twice := [key for key in keys if keys.count(key) > 1]:
-            problem = f"names '{twice[0]}' twice"
-            raise InputError(f"{file}: line 1", problem, "remove one of the columns")
-        for cells in reader:
-            values = [cell.strip() for cell in cells]
-            if any(values) and len(values) != len(keys):
-                problem = f"has {len(values)} cells, but the header names {len(keys)}"
-                raise InputError(f"{file}: line {reader.line_num}", problem, "mend that line")
-            if any(values):
-                row = zip(keys, values, strict=True)
-                yield f"{file}: line {reader.line_num}", {key: value for key, value in row if value}
-    except csv.Error as error:
-        where = f"{file}: line {reader.line_num}"
-        raise InputError(where, f"is not CSV: {reason(error)}", "mend that line") from None
-
-
-def _json_rows(file: Path, opened: TextIO) -> Iterator[_Row]:
-    for number in count(1):
-        text = opened.readline(LONGEST_LINE)
-        if not text:
-            return
-        if not text.strip():
-            continue
-        remedy = 'write it like {"color": "a.exr", "depth": "b.exr"}'
-        try:
-            row = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            problem = f"is not JSON: {reason(error)}"
-            raise InputError(f"{file}: line {number}", problem, remedy) from None
-        if not isinstance(row, dict):
-            raise InputError(f"{file}: line {number}", "is no JSON object", remedy)
-        yield (
-            f"{file}: line {number}",
-            {key: value for key, value in row.items() if value not in (None, "")},
-        )

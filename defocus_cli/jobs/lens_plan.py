@@ -29,7 +29,14 @@ from defocus_cli.jobs.lens_options import (
     refuse_optics,
     shape_of,
 )
-from defocus_cli.jobs.random_lenses import Sampling, distribution, drawn_lens, read_sampling
+from defocus_cli.jobs.random_lenses import (
+    MATCHED,
+    Sampling,
+    distribution,
+    drawn_lens,
+    read_sampling,
+    refuse_matched,
+)
 from defocus_cli.jobs.sweep import Point, read_sweep
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.lenses.lens import Draw, Lens
@@ -68,6 +75,11 @@ class LensPlan:
         """How many lenses take each picture."""
         return len(self.points) * max(self.sampling.count, 1)
 
+    @property
+    def matched(self) -> bool:
+        """Whether the radii of a set decide focus and f-number."""
+        return self.sampling.match is not None
+
     def lenses(self, entry: Entry) -> Iterator[tuple[str, Lens]]:
         """The suffix of each lens for the name of the sample, and the lens.
 
@@ -79,9 +91,12 @@ class LensPlan:
         source = f"{entry.where}: " if entry.options else self.source
         if self.radii:
             refuse_optics(entry.options, source)
+        if self.matched:
+            refuse_matched(entry.options, f"{entry.where}: ")
+            _refuse_frame(entry)
         for point in self.points:
             options = merged(shared, point.options)
-            _check_lens(options, source, radii=self.radii)
+            _check_lens(options, source, radii=self.radii, matched=self.matched)
             if not self.sampling.count:
                 values = {name: parsed(name, text) for name, text in options.items()}
                 yield point.suffix, replace(lens_of(values, source), max_coc=self.max_coc)
@@ -89,6 +104,7 @@ class LensPlan:
                 texts = tuple(options.items())
                 draw = Draw(self.sampling.seed, entry.picture.stem, index, texts)
                 lens = drawn_lens(draw, source, self.max_coc)
+                lens = replace(lens, radii_px=self.sampling.radii(entry.picture.stem, index))
                 yield f"{point.suffix}_s{index:03}", lens
 
 
@@ -129,6 +145,9 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         refuse_optics((name for point in points for name in point.options), sweep.place(""))
         refuse_optics(sampling.options, sample.place(""))
         stored = shape_of(stored)
+    if sampling.match is not None:
+        _refuse_beside_match(lens, sweep, sample, points, radii=radii)
+        stored = {name: text for name, text in stored.items() if name not in MATCHED}
     return LensPlan(
         source=f"{lens.file}: ",
         options=merged(stored, own),
@@ -138,6 +157,29 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         taken=taken,
         radii=radii,
     )
+
+
+def _refuse_beside_match(
+    lens: Table, sweep: Table, sample: Table, points: Sequence[Point], *, radii: bool
+) -> None:
+    """Refuse what decides the radii beside a set whose radii are to be had.
+
+    Raises:
+        UsageProblem: there is an option that does.
+    """
+    refuse_matched(lens.values, lens.place(""))
+    refuse_matched((name for point in points for name in point.options), sweep.place(""))
+    if radii:
+        problem = "finds a lens of depth, and with depth-format coc the files hold radii"
+        raise UsageProblem(sample.place("match"), problem, "give depth, or leave it out")
+
+
+def _refuse_frame(entry: Entry) -> None:
+    """Refuse to match frames, whose lens must not change from one to the next."""
+    if entry.picture.frame is not None:
+        problem = f"'{entry.picture.stem}' is a frame of a shot, which match would blur by itself"
+        remedy = "name the files by a pattern with *, or leave match out"
+        raise UsageProblem(entry.where, problem, remedy)
 
 
 def lens_file_of(lens: Table) -> Path | None:
@@ -153,10 +195,11 @@ def _max_coc(lens: Table, sample: Table) -> float | None:
     return table.parsed("max-coc", pixel_count)
 
 
-def _check_lens(options: Mapping[str, str], source: str, *, radii: bool) -> None:
+def _check_lens(options: Mapping[str, str], source: str, *, radii: bool, matched: bool) -> None:
     """Refuse a lens without a required option, with a useless one, or that may focus too near."""
     if not radii:
-        refuse_missing(options, source)
+        found = dict.fromkeys(("fnumber", "focus"), "") if matched else {}
+        refuse_missing({**options, **found}, source)
         nearest = min(_extremes(options, "focus"), default=math.inf)
         longest = max(_extremes(options, "focal-length"))
         refuse_near_focus(nearest, longest, f"{source}focus")

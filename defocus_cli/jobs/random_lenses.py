@@ -4,13 +4,14 @@
 is drawn depends on ``seed``, the picture's name and that number alone, not on other pictures or
 draws. What an option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``,
 ``disparity(a, b)`` (a focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the
-percentile of the depth) or ``choice(a, b, …)``.
+percentile of the depth) or ``choice(a, b, …)``. ``match`` names a set of pictures: the depth of a
+picture decides focus and f-number, so that its radii are those at a share of that set, drawn too.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -19,12 +20,15 @@ from defocus_cli.jobs.lens_options import PARSERS, lens_of, parsed, refuse_contr
 from defocus_cli.jobs.toml_file import Table
 from defocus_cli.lenses.lens import Draw, Lens
 from defocus_cli.lenses.quantities import Percentile, QuantityError, percentage, read_at, text_of
+from defocus_cli.lenses.radius_set import Radii, RadiusSet, read_radius_set, spread
 from defocus_cli.system.errors import UsageProblem, reason
 
 if TYPE_CHECKING:
     from defocus_core import Distribution
 
-KEYS = ("n", "seed", "max-coc", *PARSERS)
+KEYS = ("n", "seed", "max-coc", "match", *PARSERS)
+# What a lens must not have whose radii are those of a set.
+MATCHED = ("fnumber", "aperture-diameter", "focus", "focus-at", "sharp-range", "max-coc")
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 _NOT_RANGED = (
     *("blades", "focus-at", "aperture-image", "sharp-range"),
@@ -51,11 +55,24 @@ def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How many lenses are drawn for a picture, and what each option is drawn from, as texts."""
+    """How many lenses are drawn for a picture, and what each option is drawn from, as texts.
+
+    With ``match`` focus and f-number give a picture the radii of that set.
+    """
 
     count: int = 0
     seed: int = 0
     options: Mapping[str, str] = field(default_factory=dict)
+    match: RadiusSet | None = None
+
+    def radii(self, picture: str, index: int) -> Radii | None:
+        """Mean, median and 99th percentile of the radii of a lens of a picture; None for any."""
+        if self.match is None:
+            return None
+        from defocus_core import Distribution, drawn
+
+        first = drawn({"match": Distribution("uniform", (0.0, 1.0))}, self.seed, picture)["match"]
+        return self.match.at(spread(first, index))
 
 
 def read_sampling(table: Table) -> Sampling:
@@ -77,10 +94,26 @@ def read_sampling(table: Table) -> Sampling:
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
             raise UsageProblem(table.place(name), f"'{text}' is nothing to draw from", remedy)
-    if not options:
+    match = table.text("match")
+    if not options and match is None:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
         raise UsageProblem(f"{table.file}: [sample]", "draws no option of the lens", remedy)
-    return Sampling(count, seed, options)
+    if match is None:
+        return Sampling(count, seed, options)
+    refuse_matched((name for name in MATCHED if name in table.values), table.place(""))
+    return Sampling(count, seed, options, read_radius_set(table.file.parent / match))
+
+
+def refuse_matched(names: Iterable[str], source: str) -> None:
+    """Refuse options that ``match`` decides.
+
+    Raises:
+        UsageProblem: there is one.
+    """
+    for name in names:
+        if name in MATCHED:
+            problem = "stands beside match in [sample], which finds focus and f-number"
+            raise UsageProblem(f"{source}{name}", problem, "remove one of them")
 
 
 @lru_cache(maxsize=4096)

@@ -41,6 +41,7 @@ class Lens:
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
     the depth; `defocus_cli.depth.focusing.focused` finds the distance. Where a file holds radii
     instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
+    With ``radii_px`` the depth decides f-number, too, which is NaN before.
     """
 
     foclen: float
@@ -51,6 +52,7 @@ class Lens:
     blades: int = 0
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
+    radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
     sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
@@ -123,7 +125,7 @@ def lens_record(lens: Lens) -> dict[str, Any]:
     """
     record: dict[str, Any] = {
         "focal_length_mm": None if lens.is_shape else lens.foclen,
-        "fnumber": None if lens.is_shape else lens.fnum,
+        "fnumber": None if math.isnan(lens.fnum) else lens.fnum,
         "sensor_width_mm": None if lens.is_shape else lens.sensor_width,
         "focus_mm": "inf" if lens.foc_dist == math.inf else lens.foc_dist,
         "blades": lens.blades,
@@ -134,6 +136,8 @@ def lens_record(lens: Lens) -> dict[str, Any]:
         record["focus_at_px"] = list(lens.focus_at)
     if lens.focus_percentile is not None:
         record["focus_percentile"] = lens.focus_percentile
+    if lens.radii_px is not None:
+        record["radii_px"] = list(lens.radii_px)
     if lens.max_coc is not None:
         record["max_coc_px"] = lens.max_coc
     if (draw := lens.draw) is not None:
@@ -152,6 +156,10 @@ def lens_record_words(lens: Mapping[str, Any]) -> str:
     shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in EFFECTS if name in lens)
     if lens["focal_length_mm"] is None:
         return f"radii of the file{shape}"
+    if lens["fnumber"] is None:
+        radii = "radii of mean {:g} px, median {:g} px, 99th percentile {:g} px"
+        foclen, sensor = (length_text(lens[f"{k}_mm"]) for k in ("focal_length", "sensor_width"))
+        return f"{foclen} with {radii.format(*lens['radii_px'])}, sensor {sensor}{shape}"
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
     if "focus_percentile" in lens:
         focus = f"at {Percentile(lens['focus_percentile'])}"

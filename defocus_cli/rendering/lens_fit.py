@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.jobs.job import Picture, Reading
 from defocus_cli.lenses.quantities import length_text
+from defocus_cli.rendering.measures import radius_measures
+from defocus_cli.system.arrays import evenly
 from defocus_cli.system.errors import InputError
 from defocus_cli.system.safe_files import written_whole
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     import torch
 
     from defocus_cli.formats.color import Color
+    from defocus_core import Aperture as Pupil
     from defocus_core import Fit
 
 _MM_PER_M = 1000.0
@@ -37,14 +40,18 @@ class FitOptions:
     Attributes:
         foclen: focal length in mm.
         sensor_width: in mm.
-        blades: numbers of blades to choose from.
+        blades: numbers of blades to choose from; their rotation is found, too.
         exposure: whether the pictures may differ by a factor for each channel.
+        gamma: whether the power is to be found by which the files are linear light.
+        shift: whether the pictures may lie apart by a few px.
     """
 
     foclen: float
     sensor_width: float
     blades: tuple[int, ...] = (0,)
     exposure: bool = False
+    gamma: bool = False
+    shift: bool = False
 
 
 def fit_pair(
@@ -92,13 +99,21 @@ def fit_pair(
             disparity,
             seen[0][:count] if len(seen) == 1 else (seen[0][:count], seen[1][:count]),
             apertures=[Aperture(blades) for blades in options.blades],
+            rotation=True,
             exposure=options.exposure,
+            gamma=options.gamma,
+            shift=options.shift,
             progress=progress,
         )
     except ValueError as error:
         problem, _, remedy = str(error).partition("; ")
         raise InputError(pair.blurred, problem, remedy or "give another pair") from None
-    return {"picture": str(pair.picture.color), **_record(found, options, color.shape[1])}
+    radius = evenly((found.strength * (found.focus - disparity)).numpy())
+    return {
+        "picture": str(pair.picture.color),
+        **_record(found, options, color.shape[1]),
+        **radius_measures(radius, None if depth.nothing is None else evenly(depth.nothing)),
+    }
 
 
 def _light(color: Color) -> torch.Tensor:
@@ -125,10 +140,19 @@ def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
         "focal_length_mm": options.foclen,
         "sensor_width_mm": options.sensor_width,
         "blades": found.aperture.blades,
+        "blade_rotation_deg": _rotation(found.aperture),
+        "gamma": found.gamma,
+        "gamma_error": found.gamma_error,
+        "shift_px": list(found.shift),
         "gains": list(found.gains),
         "psnr": dict(zip(("all", "edges", "elsewhere"), map(_finite, found.psnr), strict=True)),
         "doubts": list(found.doubts),
     }
+
+
+def _rotation(aperture: Pupil) -> float:
+    """The angle of a vertex in degrees, the least that is not negative."""
+    return aperture.rotation % (360 / aperture.blades) if aperture.blades else 0.0
 
 
 def _finite(value: float) -> float | None:
@@ -143,7 +167,7 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
     """
     focus = record["focus_m"]
     lines = [
-        "# Found by 'defocus fit' from a sharp and a blurred picture.",
+        "# Found by 'defocus fit'.",
         f'focal-length = "{length_text(record["focal_length_mm"], 9)}"',
         f'sensor-width = "{length_text(record["sensor_width_mm"], 9)}"',
         f"fnumber = {record['fnumber']:.6g}",
@@ -151,6 +175,7 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
     ]
     if record["blades"]:
         lines.append(f"blades = {record['blades']}")
+        lines.append(f"blade-rotation = {record['blade_rotation_deg']:.4g}")
     with written_whole(path) as file:
         file.write(("\n".join(lines) + "\n").encode())
 
@@ -169,7 +194,13 @@ def words(record: dict[str, Any]) -> list[str]:
         f"residual: {shown}",
     ]
     if record["blades"]:
-        lines.append(f"blades {record['blades']}")
+        lines.append(f"{record['blades']} blades turned {record['blade_rotation_deg']:.3g} degrees")
+    if record["gamma"] != 1:
+        error = 100 * record["gamma_error"]
+        lines.append(f"gamma {record['gamma']:.3f} ± {error:.2g} %: light is what is read to it")
+    if any(record["shift_px"]):
+        across, down = record["shift_px"]
+        lines.append(f"blurred picture {across:.2f} px to the right, {down:.2f} px down")
     if any(gain != 1 for gain in record["gains"]):
         lines.append("exposure: factors " + ", ".join(f"{gain:.4g}" for gain in record["gains"]))
     return [*lines, *(f"not sure: {doubt}" for doubt in record["doubts"])]

@@ -5,17 +5,18 @@ They are of a grid of its pixels, so that they cost next to nothing.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
+
+from defocus_cli.lenses.radius_set import MEASURES as RADII
+from defocus_cli.system.arrays import evenly
 
 if TYPE_CHECKING:
     from defocus_cli.rendering.outcome import Outcome, Rendering
 
-_PIXELS = 1 << 16  # of the grid, about
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
 # Keys of the measures, in the order of the table of a card.
-MEASURES = ("coc_mean_px", "coc_p50_px", "coc_p99_px", "clipped_share", "invented_share")
+MEASURES = (*RADII, "clipped_share", "invented_share")
 
 
 def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
@@ -31,22 +32,28 @@ def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
         of EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens
         saw what the picture holds; None where nothing is known.
     """
-    import numpy as np
-
-    radius = _grid(rendering.radius)
-    if rendering.nothing is not None:
-        radius = radius[~_grid(rendering.nothing)]
-    sizes = np.abs(radius.astype("float64"))
-    p50, p99 = np.percentile(sizes, (50, 99)) if sizes.size else (0.0, 0.0)
+    nothing = None if rendering.nothing is None else evenly(rendering.nothing)
     pixels = outcome.stats.get("pixels", 0)
     invented = outcome.stats.get("pixels_invented")
     return {
-        "coc_mean_px": float(sizes.mean()) if sizes.size else 0.0,
-        "coc_p50_px": float(p50),
-        "coc_p99_px": float(p99),
+        **radius_measures(evenly(rendering.radius), nothing),
         "clipped_share": _clipped(rendering),
         "invented_share": None if invented is None or not pixels else invented / pixels,
     }
+
+
+def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
+    """Mean, median and 99th percentile of the radii without sign, in px, by their keys.
+
+    Args:
+        radius: signed, of any shape.
+        nothing: where pixels hold nothing; None if nowhere.
+    """
+    import numpy as np
+
+    sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
+    found = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)
+    return dict(zip(RADII, map(float, found), strict=True))
 
 
 def _clipped(rendering: Rendering) -> float | None:
@@ -56,14 +63,4 @@ def _clipped(rendering: Rendering) -> float | None:
     color = rendering.color
     if color.path.suffix.lower() in _FLOATS:
         return None
-    return float(np.mean(np.any([_grid(plane) >= _WHITE for plane in color.light], axis=0)))
-
-
-def _grid(plane: Any) -> Any:
-    """About `_PIXELS` values of an array [H, W], evenly spread."""
-    import numpy as np
-
-    height, width = plane.shape
-    step = max(1, math.isqrt(height * width // _PIXELS))
-    rows = [np.asarray(plane[row : row + 1])[:, ::step] for row in range(0, height, step)]
-    return np.concatenate(rows)
+    return float(np.mean(np.any([evenly(plane) >= _WHITE for plane in color.light], axis=0)))

@@ -24,6 +24,7 @@ from defocus_cli.system.safe_files import spoken
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+_WARNINGS = 3  # kinds that the last line names
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
 
@@ -120,11 +121,20 @@ def summary_line(summary: Summary) -> str:
     if summary.reasons:
         line += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
-        line += f", {summary.warned} with warnings in the journal"
+        line += f", {summary.warned} with warnings in the journal ({_kinds_of_warnings(summary)})"
     done = sum(counts.values())
     if done and summary.seconds:
         line += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
     return line
+
+
+def _kinds_of_warnings(summary: Summary) -> str:
+    """The commonest kinds of warnings with their counts, in words."""
+    kinds = summary.warnings.most_common()
+    words = [f"{count} x {kind}" for kind, count in kinds[:_WARNINGS]]
+    if len(kinds) > _WARNINGS:
+        words.append(counted(len(kinds) - _WARNINGS, "other kind"))
+    return "; ".join(words)
 
 
 def reasons_words(reasons: Mapping[str, int]) -> str:
@@ -141,6 +151,7 @@ def summary_record(summary: Summary) -> dict[str, Any]:
         **{status: summary.statuses[status] for status in _WORDS},
         "reasons": dict(summary.reasons),
         "warned": summary.warned,
+        "warnings": dict(summary.warnings.most_common()),
         "seconds": summary.seconds,
         "interrupted": summary.interrupted,
     }

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import torch
     from numpy.typing import NDArray
 
+_GRID = 1 << 16  # pixels of a sample of a picture, about
 # Pixels of a band of rows.
 _BAND = 1 << 20
 _LASTING = Path("/var/tmp")
@@ -240,3 +241,13 @@ def to_array(values: torch.Tensor) -> Any:
     held.copy_(values, non_blocking=True)
     torch.cuda.current_stream(values.device).synchronize()
     return held.numpy()
+
+
+def evenly(plane: Any) -> Any:
+    """About `_GRID` values of an array [H, W], evenly spread."""
+    import numpy as np
+
+    height, width = plane.shape
+    step = max(1, math.isqrt(height * width // _GRID))
+    rows = [np.asarray(plane[row : row + 1])[:, ::step] for row in range(0, height, step)]
+    return np.concatenate(rows)

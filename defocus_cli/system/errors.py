@@ -6,6 +6,7 @@ that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from difflib import get_close_matches
 from typing import IO, TYPE_CHECKING, Any
@@ -42,6 +43,34 @@ class UserError(click.ClickException):
     def show(self, file: IO[Any] | None = None) -> None:
         """Print the line to stderr, or to ``file``."""
         click.echo(f"defocus: {self.format_message()}", file=file, err=file is None)
+
+
+class Failures:
+    """Errors of files that others stand beside: those are done, and the last error ends it."""
+
+    def __init__(self) -> None:
+        self._errors: list[UserError] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._errors)
+
+    def add(self, error: UserError) -> None:
+        """Keep an error; the one before is said now."""
+        if self._errors:
+            self._errors[-1].show()
+        self._errors.append(error)
+
+    def records(self) -> list[dict[str, str]]:
+        """The errors for JSON."""
+        return [
+            {"subject": each.subject, "problem": each.problem, "remedy": each.remedy}
+            for each in self._errors
+        ]
+
+    def end(self) -> None:
+        """Raise the last error, if there is any."""
+        if self._errors:
+            raise self._errors[-1]
 
 
 class UsageProblem(UserError):  # noqa: N818 - click already has a UsageError
@@ -114,3 +143,8 @@ def first_line(path: Path, text: str) -> str:
         text = text.replace(named, "")
     lines = text.replace(f'"{path}"', "it").strip().splitlines() or ["no reason given"]
     return one_line(lines[0]).rstrip(".")[:120]
+
+
+def alike(note: str) -> str:
+    """A note without its numbers, so that those of many pictures are alike."""
+    return re.sub(r"\d[\d.,]*", "N", note)

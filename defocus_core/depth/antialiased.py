@@ -15,6 +15,7 @@ import math
 import torch
 from torch import Tensor
 
+from defocus_core.depth.distance_scale import distance_of
 from defocus_core.images.neighbourhoods import extreme_around, halfway, squares_around, steps_beside
 from defocus_core.images.sparse_masks import places_of
 
@@ -34,8 +35,6 @@ _SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
 # Distance of the rows and columns in the sample, counted from either end. Least number of averages:
 # at all, for each hard step, and for each pixel on a wide edge.
 EVERY, _LEAST, _EACH, _WIDER = 16, 8, 2, 0.25
-# Radii less than this many px from the radius of infinity count as this far from it.
-_INFINITE = 2.0**-12
 # Px around a pixel that decide what it becomes.
 AROUND = _BESIDE + 1 + 2 * _ROUNDS
 
@@ -122,7 +121,7 @@ def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
     """Radii as disparity, or as distance if the radius of infinity is finite, in any unit."""
     if math.isinf(infinity):
         return radii
-    return (infinity - radii).clamp(min=_INFINITE).reciprocal()
+    return distance_of(radii, infinity)
 
 
 def _as_radii(values: Tensor, infinity: float) -> Tensor:

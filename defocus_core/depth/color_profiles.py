@@ -12,6 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.images.neighbourhoods import halfway, squares_around
 
 # Greatest displacement in px; depth in px at which the colour of a surface is sampled at most.
@@ -42,7 +43,11 @@ class Silhouette(NamedTuple):
 
 
 def crossed_edges(
-    radii: Tensor, step: float, lines: tuple[list[int], list[int]], band: tuple[int, int]
+    radii: Tensor,
+    step: float,
+    lines: tuple[list[int], list[int]],
+    band: tuple[int, int],
+    scale: DistanceScale | None,
 ) -> Tensor:
     """The nearer pixels [n, 2] of the edges that some rows and columns cross within a band.
 
@@ -51,11 +56,12 @@ def crossed_edges(
         step: Least step of an edge in px.
         lines: Numbers of the rows and of the columns.
         band: First row of the band and its end.
+        scale: Of distance, if an edge has to be one of distance, too.
     """
     at = []
     for dim, numbers in enumerate(lines):
         number = torch.tensor(numbers, dtype=torch.long, device=radii.device)
-        rise = radii.index_select(dim, number).diff(dim=1 - dim)
+        rise = _rise(radii.index_select(dim, number), 1 - dim, scale)
         for mask, after in ((rise > step, 0), (rise < -step, 1)):
             place = torch.nonzero(mask)
             place[:, dim] = number[place[:, dim]]
@@ -65,15 +71,27 @@ def crossed_edges(
     return every[(every[:, 0] >= band[0]) & (every[:, 0] < band[1])]
 
 
-def edges_of(radii: Tensor, step: float) -> Tensor:
-    """The pixels [H, W] beside which the radius is greater by more than a step."""
+def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
+    """The pixels [H, W] beside which the radius is greater by more than a step.
+
+    Given a scale of distance, so is the distance: few levels of distance are many px of radius.
+    """
     edges = torch.zeros_like(radii, dtype=torch.bool)
     for dim in (0, 1):
-        rise = radii.diff(dim=dim)
+        rise = _rise(radii, dim, scale)
         n = rise.shape[dim]
         edges.narrow(dim, 0, n).logical_or_(rise > step)
         edges.narrow(dim, 1, n).logical_or_(rise < -step)
     return edges
+
+
+def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
+    """The rise in px from each pixel to the next, of radius or of distance, whichever is less."""
+    rise = radii.diff(dim=dim)
+    if scale is None:
+        return rise
+    of_distance = scale.of(radii).diff(dim=dim)
+    return torch.where(of_distance.abs() < rise.abs(), of_distance, rise)
 
 
 def silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:

@@ -8,10 +8,12 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.antialiased import EVERY, averaged_from, averages
+from defocus_core.depth.distance_scale import DistanceScale, distance_scale
 from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.depth.noise import noise_from, scatter_counts
 from defocus_core.depth.quantised import Levels, are_few, levels_of
 from defocus_core.depth.soft_edges import (
+    FOOT_SHARE,
     LEAST,
     STEEP,
     are_steeper,
@@ -28,6 +30,8 @@ from defocus_core.runtime.threads import threaded
 _EDGES = 0.4
 # Greatest half width in px of a soft edge; px beside it in which the surfaces are seen.
 _HALF_EDGE, _BESIDE_EDGE = 14, 16
+# Hard steps of radius for each hard step of distance from which on edges are soft in distance.
+_LOPSIDED = 4
 # Intervals of a px in the histogram of widths of soft edges.
 _PER_PX = 10
 # Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
@@ -72,6 +76,7 @@ class DepthRepair(NamedTuple):
         edge_width: Px over which soft edges go from one surface to the other, in the median, or as
             it was said; None if edges are not soft.
         share: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
+        ramps_of: The scale of distance, if ramps are of distance; None if they are of disparity.
         uncertain_edges: Whether colours say on which side of their edge pixels are: where edges
             were soft, or averages of an enlarged depth map; False of a diagnosis alone.
     """
@@ -84,6 +89,7 @@ class DepthRepair(NamedTuple):
     quantised: bool = False
     edge_width: float | None = None
     share: float = 0.0
+    ramps_of: DistanceScale | None = None
     uncertain_edges: bool = False
 
 
@@ -146,10 +152,13 @@ def _repair(
         return DepthRepair()  # a picture of such depth is refused
     softest = float(torch.stack([band.softest for band in of_bands]).amax())
     ramps = torch.stack([band.ramps for band in of_bands]).sum()
-    slope = slope_of_soft_edges(
-        float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
-    )
-    soft, width = _mostly_soft(signed_radius, slope) if softest > slope else (0, None)
+    least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
+    slope = slope_of_soft_edges(least, most, signed_radius.shape)
+    soft, width, scale = 0, None, None
+    if softest > slope:
+        soft, width, scale = _soft_edges(
+            signed_radius, slope, distance_scale(least, most, infinity)
+        )
     averaged = torch.stack([band.averages for band in of_bands]).sum(0)
     antialiased = averaged_from(averaged, infinity, soft)
     return DepthRepair(
@@ -158,6 +167,7 @@ def _repair(
         soft_edges=slope if soft and antialiased is None else None,
         quantised=are_few([band.levels for band in of_bands]),
         edge_width=width if soft and antialiased is None else None,
+        ramps_of=scale if antialiased is None else None,
     )
 
 
@@ -174,18 +184,62 @@ def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
     return pixels > 0 and hard <= enough
 
 
-def _mostly_soft(signed_radius: Pixels, steep: float) -> tuple[int, float | None]:
-    """The number of pixels on soft edges steeper than a slope, and the median width of edges in px.
+class _EdgeCounts(NamedTuple):
+    """Edges of a frame.
+
+    Attributes:
+        soft: Number of pixels on soft edges.
+        hard: Number of steps that are hard edges.
+        width: Median width of soft edges in px.
+    """
+
+    soft: int
+    hard: int
+    width: float
+
+    @property
+    def mostly_soft(self) -> bool:
+        return self.hard < self.soft
+
+
+def _soft_edges(
+    signed_radius: Pixels, steep: float, scale: DistanceScale | None
+) -> tuple[int, float | None, DistanceScale | None]:
+    """The number of pixels on soft edges, their median width in px, and the scale of their ramps.
 
     0 if hard edges have more pixels, and if so large a share of the frame is steep that it is a
-    surface, as in a frame of few px.
+    surface, as in a frame of few px. What looks hard in radius may be soft in distance.
     """
+    most = _EDGES * signed_radius.shape[0] * signed_radius.shape[1]
+    of_radius = _edge_counts(signed_radius, steep)
+    found: list[tuple[_EdgeCounts, DistanceScale | None]] = []
+    if of_radius.mostly_soft and of_radius.soft < most:
+        found.append((of_radius, None))
+    if scale is not None and of_radius.hard:
+        of_distance = _edge_counts(signed_radius, steep, scale)
+        few_hard = _LOPSIDED * of_distance.hard < of_radius.hard
+        if few_hard and of_distance.mostly_soft and of_distance.soft < most:
+            found.append((of_distance, scale))
+    if not found:
+        return 0, None, None
+    edges, of = max(found, key=lambda each: each[0].soft)
+    return edges.soft, edges.width, of
+
+
+def _edge_counts(
+    signed_radius: Pixels, steep: float, scale: DistanceScale | None = None
+) -> _EdgeCounts:
+    """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope."""
     soft = hard = 0
     widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)
     for first, last in bands(*signed_radius.shape):
         above = min(first, _BESIDE_EDGE + 1)
         around = signed_radius[first - above : last + _BESIDE_EDGE + 1].detach()
         steepest = steepness(around)
+        if scale is not None:
+            slow = steepest <= FOOT_SHARE * steep  # far slopes are steep in distance
+            around = scale.of(around)
+            steepest = steepness(around).masked_fill_(slow, 0.0)
         slope = softness(steepest)
         least, most = (
             extreme_around(around, _BESIDE_EDGE, end) for end in (torch.minimum, torch.maximum)
@@ -197,9 +251,7 @@ def _mostly_soft(signed_radius: Pixels, steep: float) -> tuple[int, float | None
         wide = ((most - least) / steepest)[above : above + last - first]
         wide = wide[middle[above : above + last - first]] * _PER_PX
         widths += torch.bincount(wide.round().long().cpu(), minlength=len(widths))
-        hard += int(hard_steps(signed_radius[max(first - 2, 0) : last + 2].detach(), steep))
-    height, width = signed_radius.shape
-    if not hard < soft < _EDGES * height * width:
-        return 0, None
+        with_next = signed_radius[max(first - 2, 0) : last + 2].detach()
+        hard += int(hard_steps(with_next, steep, scale))
     half = int((widths.cumsum(0) < widths.sum() / 2).sum())
-    return soft, half / _PER_PX
+    return _EdgeCounts(soft, hard, half / _PER_PX)

@@ -2,8 +2,9 @@
 
 Beside a sharp subject a strip of the background would stay sharp, or the subject's own rim would be
 blurred. The costs of all displacements, from profiles of colour, are averaged along a silhouette
-before the least is chosen (as cost volumes are in stereo, Hosni et al. 2013), so that it stays
-smooth. A displacement that is rare in the picture needs more evidence.
+before the least is chosen, so that it stays smooth (as in stereo, Hosni et al. 2013), and chosen
+softly, so that it holds still (Kendall et al. 2017). A displacement that is rare in the picture
+needs more evidence.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from defocus_core.depth.color_profiles import (
     edges_of,
     silhouette_at,
 )
+from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
 from defocus_core.images.neighbourhoods import (
     ends_of,
@@ -39,6 +41,11 @@ from defocus_core.runtime.threads import threaded
 _ENOUGH = 0.1
 # Rounds in which costs, and then displacements, are averaged over 5×5 px of a silhouette.
 _ROUNDS, _SMOOTHING = 20, 8
+# Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
+# lies their mean, so that an edge does not jump from one to the other.
+_SPREAD = 0.15
+# Grains of displacement in a px: finer differences are rounding.
+_GRAINS = 1 << 8
 # Weight of rarity; share of a displacement's votes that count for those a px beside it.
 _RARITY, _BESIDE = 1.6, 0.25
 # Distance of the rows, and of the columns, on which silhouettes are examined for the displacements
@@ -72,7 +79,12 @@ class EdgeShifts(NamedTuple):
 
 
 def measured_shifts(
-    signed_radius: Pixels, pixels: Pixels, threads: int, *, soft: bool
+    signed_radius: Pixels,
+    pixels: Pixels,
+    threads: int,
+    *,
+    soft: bool,
+    scale: DistanceScale | None = None,
 ) -> EdgeShifts | None:
     """The displacements of the edges of a picture; None if its edges lie where they should.
 
@@ -81,6 +93,7 @@ def measured_shifts(
         pixels: [C, H, W] linear.
         threads: Number of bands of rows examined at once.
         soft: Whether edges were soft; hard edges are shifted only if most are displaced alike.
+        scale: Of distance, if edges were soft in distance.
     """
     ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
     slope = slope_of_soft_edges(
@@ -88,13 +101,13 @@ def measured_shifts(
     )
     step = max(_LEAST_STEP, _STEP * slope)
     if not soft:
-        votes = _votes(signed_radius, pixels, step, _EVERY_OF_HARD, threads)
+        votes = _votes(signed_radius, pixels, step, _EVERY_OF_HARD, threads, scale)
         if float(votes.sum()) < _VOTES:
             return None
         median, agreed = _median(votes)
         if abs(median) < _BIASED or agreed < _AGREED:
             return None
-    votes = _votes(signed_radius, pixels, step, _EVERY, threads)
+    votes = _votes(signed_radius, pixels, step, _EVERY, threads, scale)
     if not float(votes.sum()):
         return None
     share = (votes + 1) / (votes + 1).sum()
@@ -103,7 +116,14 @@ def measured_shifts(
     return EdgeShifts(step, _median(votes)[0], tuple((rarity - rarity.amin()).tolist()))
 
 
-def _votes(signed_radius: Pixels, pixels: Pixels, step: float, every: int, threads: int) -> Tensor:
+def _votes(
+    signed_radius: Pixels,
+    pixels: Pixels,
+    step: float,
+    every: int,
+    threads: int,
+    scale: DistanceScale | None,
+) -> Tensor:
     """The trust [2 * FARTHEST + 1] in each displacement, on some rows and columns of a picture."""
     H, W = signed_radius.shape
 
@@ -113,7 +133,7 @@ def _votes(signed_radius: Pixels, pixels: Pixels, step: float, every: int, threa
         band = rows[0] - above, rows[1] - above
         lines = [y + band[0] for y in spread(H, every, *rows)], spread(W, every)
         votes = radii.new_zeros(2 * FARTHEST + 1, dtype=torch.float64)
-        for at in torch.split(crossed_edges(radii, step, lines, band), _PROFILES):
+        for at in torch.split(crossed_edges(radii, step, lines, band, scale), _PROFILES):
             costs, trust = displacement_costs(silhouette_at(at, radii), radii, colors)
             votes.index_add_(0, costs.argmin(1), trust.double())
         return votes
@@ -130,10 +150,12 @@ def _median(votes: Tensor) -> tuple[float, float]:
     return median, float(votes[max(middle - 1, 0) : middle + 2].sum()) / total
 
 
-def with_shifted_edges(signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts) -> Tensor:
+def with_shifted_edges(
+    signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts, scale: DistanceScale | None = None
+) -> Tensor:
     """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
     radii = signed_radius.detach()
-    at, (H, W) = places_of(edges_of(radii, shifts.step)), radii.shape
+    at, (H, W) = places_of(edges_of(radii, shifts.step, scale)), radii.shape
     if not len(at):
         return signed_radius
     silhouette = silhouette_at(at, radii)
@@ -186,8 +208,10 @@ def _smooth_shifts(
     both = averaged(torch.cat([trust[:, None] * costs, trust[:, None]], 1), _ROUNDS)
     weighted, share = both[:, :-1], both[:, -1:]
     evidence = weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1)
-    shift = (evidence + rarity).argmin(1, keepdim=True).to(costs.dtype) - FARTHEST
-    return averaged(shift, _SMOOTHING)[:, 0]
+    displacement = torch.arange(-FARTHEST, FARTHEST + 1, device=at.device).to(costs.dtype)
+    likely = ((evidence + rarity) / -_SPREAD).softmax(1)
+    shift = (likely * displacement).sum(1, keepdim=True)
+    return (averaged(shift, _SMOOTHING)[:, 0] * _GRAINS).round() / _GRAINS
 
 
 def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:

@@ -74,14 +74,15 @@ def repaired(
     elif repair.soft_edges is not None or repair.ramps:
         steep = STEEP if repair.soft_edges is None else repair.soft_edges
         width = options.edge_width
-        repair_window = partial(without_ramps, steep=steep, edge_width=width)
+        repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=repair.ramps_of)
         radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
     shifts = repair.edge_shifts
     if decided is None:
-        shifts = measured_shifts(radii, pixels, threads, soft=repair.soft_edges is not None)
+        soft = repair.soft_edges is not None
+        shifts = measured_shifts(radii, pixels, threads, soft=soft, scale=repair.ramps_of)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
-        repair_window = partial(with_shifted_edges, shifts=shifts)
+        repair_window = partial(with_shifted_edges, shifts=shifts, scale=repair.ramps_of)
         radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, pixels), radii, pixels)
     if decided is None:
         uncertain = repair.soft_edges is not None or (

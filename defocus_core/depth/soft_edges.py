@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.images.neighbourhoods import (
     extreme_around,
     halfway,
@@ -31,7 +32,7 @@ _WITHIN, _WITHIN_SHARE, LEAST = 60, 1 / 4, 0.1513
 # share of the step.
 _STEP, _LEVEL = 2.013, 0.2513
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
-_FOOT, _FOOT_SHARE = 10, 0.3
+_FOOT, FOOT_SHARE = 10, 0.3
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
@@ -49,35 +50,46 @@ def around_ramps(edge_width: float | None) -> int:
 
 
 def without_ramps(
-    signed_radius: Tensor, steep: float = STEEP, edge_width: float | None = None
+    signed_radius: Tensor,
+    steep: float = STEEP,
+    edge_width: float | None = None,
+    scale: DistanceScale | None = None,
 ) -> Tensor:
     """Radii [H, W] px with steps in the place of ramps.
 
     Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
+    Of distance, far slopes are steep, too; they stay if their radii change slowly.
 
     Args:
         signed_radius: [H, W] px.
         steep: Least slope of a ramp in px per px.
         edge_width: Width of the widest edges in px; None if it is not known, for 16 px.
+        scale: Of distance, if ramps are ramps of distance; None if they are of disparity.
     """
     longest = longest_ramp(edge_width)
     foot_of = max(_FOOT, longest // 2)
-    slope = steepness(signed_radius)
+    values = signed_radius.detach() if scale is None else scale.of(signed_radius.detach())
+    slope = steepness(values)
     core = torch.where(exceeding(slope, steep), slope, 0.0)
     if not bool(core.any()):
         return signed_radius
-    ramp = slope > _FOOT_SHARE * extreme_around(core, foot_of, torch.maximum)
+    ramp = slope > FOOT_SHARE * extreme_around(core, foot_of, torch.maximum)
+    if scale is not None:  # a level of distance is many px of radius near the lens
+        ramp |= steepness(signed_radius) > FOOT_SHARE * steep
     foot, ramp = ramp, core > 0
     for _ in range(foot_of):  # what lies beside it without a link is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
     at, (H, W) = places_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
-    flat = radii.detach()
-    near, far = (_path_end(values, around, index, longest) for values in (flat, -flat))
+    flat = values.flatten()
+    near, far = (_path_end(each, around, index, longest) for each in (flat, -flat))
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
+    if scale is not None:
+        along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
+        found &= (radii[far] - radii[near]).detach() > FOOT_SHARE * steep * along
     low, high = radii[near], radii[far]
-    ends = torch.where(radii[index] < halfway(low, high), low, high)
+    ends = torch.where(flat[index] < halfway(flat[near], flat[far]), low, high)
     return radii.index_copy(0, index, torch.where(found, ends, radii[index])).reshape(H, W)
 
 
@@ -124,13 +136,23 @@ def slope_of_soft_edges(least: float, most: float, size: Sequence[int]) -> float
     return min(STEEP, max(LEAST, (most - least) / within))
 
 
-def hard_steps(signed_radius: Tensor, steep: float) -> Tensor:
-    """The number of steps of radii [H, W] px, from one pixel to the next, that are hard edges."""
+def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None = None) -> Tensor:
+    """The number of steps of radii [H, W] px, from one pixel to the next, that are hard edges.
+
+    Args:
+        signed_radius: [H, W] px.
+        steep: Least slope of a soft edge in px per px.
+        scale: Of distance, if a step has to be one of distance, too.
+    """
     count = torch.zeros((), dtype=torch.long, device=signed_radius.device)
     for dim in (-1, -2):
         before, step, after = steps_beside(signed_radius, dim)
+        high = step > _STEP * steep
+        if scale is not None:
+            before, step, after = steps_beside(scale.of(signed_radius), dim)
+            high &= step > _STEP * steep
         level = torch.maximum(before, after) < _LEVEL * step
-        count += ((step > _STEP * steep) & level).sum()
+        count += (high & level).sum()
     return count
 
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from statistics import median
 
 from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.depth.soft_edges import LEAST, STEEP
 
@@ -44,6 +45,7 @@ def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> De
         edge_shifts=_agreed_shifts([(r.edge_shifts, k) for r, k in each]),
         edge_width=_median([r.edge_width for r, _ in each]),
         quantised=_commonest([r.quantised for r, _ in each]),
+        ramps_of=_agreed_scale([(r.ramps_of, k) for r, k in each]),
     )
 
 
@@ -58,11 +60,15 @@ def repair_through(repair: DepthRepair, scale: float, infinity: float | None) ->
     soft, shifts, averaged = repair.soft_edges, repair.edge_shifts, repair.antialiased
     if averaged is not None and averaged != float("inf"):
         averaged = infinity  # of distance: known, or it would not have been found
+    ramps_of = repair.ramps_of
+    if ramps_of is not None and infinity is not None:
+        ramps_of = ramps_of.through(scale, infinity)
     return repair._replace(
         noise=None if repair.noise is None else repair.noise * scale,
         antialiased=averaged,
         soft_edges=None if soft is None else min(STEEP, max(LEAST, soft * scale)),
         edge_shifts=None if shifts is None else shifts._replace(step=shifts.step * scale),
+        ramps_of=ramps_of,
     )
 
 
@@ -77,6 +83,16 @@ def _agreed_shifts(of_frames: Sequence[tuple[EdgeShifts | None, float]]) -> Edge
         median=median(shifts.median for shifts, _ in there),
         rarity=tuple(sum(cost) / len(there) for cost in costs),
     )
+
+
+def _agreed_scale(of_frames: Sequence[tuple[DistanceScale | None, float]]) -> DistanceScale | None:
+    """The scale of all distances of the frames, if the ramps of most are of distance."""
+    there = [(ramps_of, scale) for ramps_of, scale in of_frames if ramps_of is not None]
+    if 2 * len(there) <= len(of_frames):
+        return None
+    nearest = max(ramps_of.nearest / scale for ramps_of, scale in there)
+    farthest = min(ramps_of.farthest / scale for ramps_of, scale in there)
+    return DistanceScale(0.0, nearest, farthest)
 
 
 def _commonest(answers: Sequence[bool]) -> bool:

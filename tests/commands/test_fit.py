@@ -82,6 +82,45 @@ def test_exposure_right_and_blades_change_what_is_found(pair: tuple[Path, Path, 
     assert record["fnumber"] == pytest.approx(2.8, rel=0.03)
 
 
+def test_gamma_shift_and_rotation_are_found_if_asked_for(pair: tuple[Path, Path, Path]) -> None:
+    folder, sharp, seen = pair[0].parent, read_exr(pair[0]), read_exr(pair[2])
+    power = 1 / 1.4
+    write_exr(folder / "s.exr", **{c: v[4:-4, 4:-4] ** power for c, v in sharp.items()})
+    write_exr(folder / "b.exr", **{c: v[3:-5, 6:-2] ** power for c, v in seen.items()})
+    write_exr(folder / "d.exr", Z=read_exr(pair[1])["Z"][4:-4, 4:-4])
+    files = [folder / f"{name}.exr" for name in "sdb"]
+    width = ("--sensor-width", "34.2mm")  # of the 152 px that are left of 160
+    ran = run("fit", *files, "--json", "--gamma", "--shift", *width)
+    assert ran.code == 0, ran.err
+    (record,) = json.loads(ran.out)["pairs"]
+    assert record["gamma"] == pytest.approx(1.4, rel=0.03)
+    assert record["shift_px"] == pytest.approx([-2, 1], abs=0.1)
+    assert record["fnumber"] == pytest.approx(2.8, rel=0.03)
+    shown = run("fit", *files, "--gamma", "--shift").out
+    assert "gamma 1." in shown
+    assert "px to the right" in shown
+
+
+def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -> None:
+    folder, light = pair[0].parent, read_exr(pair[0])
+    for pixels in light.values():
+        pixels[20::32, 16::32] = 8.0  # lights show the pupil
+    write_exr(folder / "l.exr", **light)
+    words = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "1.6m", "--blades", "6")
+    made = run(
+        *("render", folder / "l.exr", pair[1], *words, "--blade-rotation", "20"),
+        *("-o", folder / "hex", "--exr-type", "float"),
+    )
+    assert made.code == 0, made.err
+    files = (folder / "l.exr", pair[1], folder / "hex" / "render" / "l.exr")
+    ran = run("fit", *files, "--blades", "0,6", "-o", folder / "hex.toml")
+    assert "6 blades turned" in ran.out
+    lens = tomllib.loads((folder / "hex.toml").read_text())
+    assert lens["blades"] == 6
+    assert lens["blade-rotation"] == pytest.approx(20, abs=3)
+    assert lens["fnumber"] == pytest.approx(1.4, rel=0.03)
+
+
 @pytest.mark.parametrize(
     ("words", "problem"),
     [

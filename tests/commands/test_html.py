@@ -242,6 +242,18 @@ def test_a_finished_batch_is_reported_afterwards(tmp_path: Path) -> None:
     refused(run("report", tmp_path), 3, "has no journal")
 
 
+def test_the_report_of_a_batch_has_its_card(tmp_path: Path) -> None:
+    jobs, out = jobs_file(tmp_path), tmp_path / "out"
+    (tmp_path / "depth" / "b.exr").write_bytes(b"no depth")
+    assert run("batch", jobs, "-o", out).code == 1
+    assert run("report", out).code == 0
+    text = (out / "report.html").read_text()
+    card = text[text.index('<details id="card">') :].partition("</details>")[0]
+    assert "<td>f-number</td><td>1</td><td>2</td>" in card
+    (reason,) = json.loads((out / "card.json").read_text())["failures"]
+    assert f"<td>{reason}</td><td>2</td>" in card
+
+
 @pytest.mark.bench
 def test_five_hundred_pairs_and_their_report_take_no_more_than_a_minute(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)

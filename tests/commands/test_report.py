@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from batches import JOBS, jobs_file
 from command_line import (
     HEIGHT,
     LENS,
@@ -205,3 +206,38 @@ def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
     ran = render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--json")
     assert len(ran.json["pictures"][0]["warnings"]) == 1
     assert "c: warning: " in ran.err
+
+
+def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path: Path) -> None:
+    jobs = jobs_file(tmp_path, "a", "b", "c", text=JOBS.replace('"coc"', '"render"'))
+    for stem, light in (("a", 1e6), ("b", 2e6)):
+        color_exr(tmp_path / "rgb" / f"{stem}.exr", np.full((HEIGHT, WIDTH, 3), light, np.float32))
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--json")
+    assert ran.code == 0, ran.err
+    ((kind, count),) = ran.json["warnings"].items()
+    assert count == 4
+    assert f"4 with warnings in the journal (4 x {kind})" in ran.err
+
+
+def test_a_file_that_fails_beside_others_is_in_json_too(tmp_path: Path) -> None:
+    good, bad = depth_exr(tmp_path / "z.exr"), tmp_path / "bad.exr"
+    bad.write_bytes(b"no picture")
+    color = color_exr(tmp_path / "c.exr")
+    for folder in ("sharp", "depth", "blurred"):
+        (tmp_path / folder).mkdir()
+        for stem in ("one", "two"):
+            path = good if folder == "depth" else color
+            (tmp_path / folder / f"{stem}.exr").write_bytes(path.read_bytes())
+    (tmp_path / "blurred" / "two.exr").write_bytes(b"no picture")
+    folders = [tmp_path / name for name in ("sharp", "depth", "blurred")]
+    for words, key, subject in (
+        (("depth", good, bad, "-o", tmp_path / "out"), "files", bad),
+        (("info", good, bad), "files", bad),
+        (("fit", *folders), "pairs", tmp_path / "blurred" / "two.exr"),
+    ):
+        ran = run(*words, "--json")
+        assert ran.code == 3
+        assert len(ran.json[key]) == 1
+        (failed,) = ran.json["failed"]
+        assert failed["subject"] == str(subject)
+        assert failed["problem"] in ran.err

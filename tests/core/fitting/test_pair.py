@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from defocus_core import Aperture, fit, render
+from defocus_core.fitting.pictures import shifted
 
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
 
@@ -69,6 +70,67 @@ def test_the_pupil_is_chosen_that_explains_the_picture() -> None:
     seen = blurred(image, disparity, aperture=Aperture(5))
     found = fit(image, disparity, seen, apertures=[Aperture(), Aperture(5)])
     assert found.aperture.blades == 5
+
+
+def test_the_rotation_of_the_blades_is_found() -> None:
+    image, disparity = scene()
+    image[:, 20::32, 16::32] = 8.0
+    seen = blurred(image, disparity, aperture=Aperture(5, 25.0))
+    found = fit(image, disparity, seen, apertures=[Aperture(), Aperture(5)], rotation=True)
+    assert found.aperture.blades == 5
+    assert found.aperture.rotation % 72 == pytest.approx(25.0, abs=3)
+    assert found.strength == pytest.approx(STRENGTH, rel=0.02)
+
+
+@pytest.mark.parametrize("power", [0.7, 1.5])
+def test_the_power_is_found_by_which_pictures_are_light(power: float) -> None:
+    image, disparity = scene()
+    files = [light ** (1 / power) for light in (image, blurred(image, disparity))]
+    found = fit(files[0], disparity, files[1], gamma=True)
+    assert found.gamma == pytest.approx(power, rel=0.03)
+    assert found.gamma_error < 0.05
+    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
+    assert fit(files[0], disparity, files[1]).psnr[0] < found.psnr[0] - 3
+
+
+def test_a_shift_between_the_pictures_is_found() -> None:
+    image, disparity = scene(200)
+    seen = blurred(image, disparity)
+    moved = fit(image[:, 4:-4, 4:-4], disparity[4:-4, 4:-4], seen[:, 2:-6, 7:-1], shift=True)
+    assert moved.shift == pytest.approx((-3.0, 2.0), abs=0.1)
+    assert moved.strength == pytest.approx(STRENGTH, rel=0.01)
+    assert moved.focus == pytest.approx(FOCUS, abs=0.01)
+
+
+def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them() -> None:
+    place = torch.arange(80) + 0.5
+    wave = torch.sin(0.7 * place)[None, None, None].expand(1, 1, 60, 80)
+    moved = shifted(wave, 2.3, 0.0)[..., 8:-8]
+    wanted = torch.sin(0.7 * (place - 2.3)).expand(1, 1, 60, 80)[..., 8:-8]
+    torch.testing.assert_close(moved, wanted, rtol=0, atol=0.01)
+    turned = shifted(wave.mT, 0.0, 2.3).mT[..., 8:-8]
+    torch.testing.assert_close(turned, moved)
+
+
+def test_lights_that_are_clipped_do_not_mislead() -> None:
+    """A light of 60 spreads as a disc, of which the clipped light of 1 explains nothing."""
+    image, disparity = scene()
+    image = 0.7 * image
+    image[:, 10::20, 10::20] = 60.0
+    seen = blurred(image, disparity).clamp(max=1)
+    found = fit(image.clamp(max=1), disparity, seen)
+    assert found.strength == pytest.approx(STRENGTH, rel=0.002)
+    assert found.psnr[0] > 50
+
+
+def test_pictures_of_which_all_is_clipped_are_refused() -> None:
+    image, disparity = scene(64)
+    with pytest.raises(ValueError, match="hardly a pixel tells anything"):
+        fit(torch.ones_like(image), disparity, torch.ones_like(image))
+    flat = torch.full_like(image, 0.5)
+    flat[:, 0, 0] = 1.0  # beyond which nothing is clipped
+    found = fit(flat, disparity, flat)
+    assert any("the strength is known to more than 10 %" in doubt for doubt in found.doubts)
 
 
 def test_what_cannot_be_told_is_said() -> None:

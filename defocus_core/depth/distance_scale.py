@@ -1,0 +1,59 @@
+"""Distance in the unit of a radius: the scale in which a network of metric depth softens edges.
+
+Radii are affine in disparity. An edge that is soft in distance is lopsided in radius: steep on its
+near side, as if a hard edge stood there, and flat on its far side.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+# Radii less than this many px from the radius of infinity count as infinitely far.
+INFINITE = 2.0**-12
+
+
+class DistanceScale(NamedTuple):
+    """The distances of a frame, as px that span the same range as its radii.
+
+    Attributes:
+        infinity: Signed radius in px of what is infinitely far.
+        nearest: Px of radius between infinity and the nearest surface of the frame.
+        farthest: Px of radius between infinity and its farthest surface.
+    """
+
+    infinity: float
+    nearest: float
+    farthest: float
+
+    def of(self, radii: Tensor) -> Tensor:
+        """Distances of radii [H, W] px; 0 px for the nearest surface."""
+        by_distance = self.nearest * self.farthest
+        distance = distance_of(radii, self.infinity)
+        return distance * by_distance - self.farthest
+
+    def through(self, scale: float, infinity: float) -> DistanceScale:
+        """The scale of the same distances for a lens of a greater scale and another infinity."""
+        return DistanceScale(infinity, self.nearest * scale, self.farthest * scale)
+
+
+def distance_scale(least: float, most: float, infinity: float | None) -> DistanceScale | None:
+    """The scale of distance of a frame.
+
+    Args:
+        least: Least radius in px.
+        most: Greatest radius in px.
+        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+
+    Returns:
+        None if distance is not known, infinite somewhere, or the same everywhere.
+    """
+    if infinity is None or not INFINITE < infinity - most < infinity - least:
+        return None
+    return DistanceScale(infinity, infinity - least, infinity - most)
+
+
+def distance_of(radii: Tensor, infinity: float) -> Tensor:
+    """Distances of radii in px, as 1 over px of radius from infinity."""
+    return (infinity - radii).clamp(min=INFINITE).reciprocal()

@@ -1,0 +1,104 @@
+"""The pictures of a pair at a size: sharp, disparity, and what is seen blurred."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+from torch.nn.functional import conv2d, interpolate, pad
+
+_LEAST = 16  # px, of a side of small pictures
+_ENDLESS = 1.001  # greatest value, beyond which light has no end
+_END = 0.9999  # share of the greatest value
+_LOBES = 3  # of the windowed sinc that shifts a picture
+
+
+class Scale:
+    """The pictures at one size.
+
+    Attributes:
+        factor: Px of this size for a px of the pictures.
+        sharp: [C, H, W].
+        seen: Each [C, H, W].
+        disparity: [H, W].
+        lost: Share of pixels whose light is clipped in the sharp picture [1, H, W]; None if none
+            is.
+    """
+
+    def __init__(
+        self, sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...], width: int
+    ) -> None:
+        """Reduce the pictures to a width in px; a greater one leaves them."""
+        full = sharp.shape[2]
+        self.factor = min(1.0, width / full)
+        self.sharp = self._small(sharp)
+        self.seen = [self._small(each) for each in seen]
+        self.lost = self._small(clipped) if bool((clipped := _clipped(sharp)).any()) else None
+        height, width = self.sharp.shape[1:]
+        rows = ((torch.arange(height) + 0.5) * sharp.shape[1] / height).long()
+        columns = ((torch.arange(width) + 0.5) * full / width).long()
+        self.disparity = disparity[rows][:, columns]
+
+    def _small(self, image: Tensor) -> Tensor:
+        if self.factor == 1.0:
+            return image
+        size = [max(_LEAST, round(side * self.factor)) for side in image.shape[1:]]
+        return interpolate(image[None], size, mode="area")[0]
+
+
+def _clipped(image: Tensor) -> Tensor:
+    """Where a picture [C, H, W] that ends at 1 or below is at its end: [1, H, W], 1 or 0.
+
+    The end of a picture without clipped light is that of a pixel or two.
+    """
+    top = float(image.max())
+    if top > _ENDLESS:
+        return torch.zeros_like(image[:1])
+    return (image.amax(0, keepdim=True) >= _END * top).to(image)
+
+
+def shifted(images: Tensor, across: float, down: float) -> Tensor:
+    """Pictures [V, C, H, W] moved by parts of a px, with Lanczos' windowed sinc.
+
+    What comes in from beyond the border is what is at the border.
+    """
+    for shift, dim in ((across, -1), (down, -2)):
+        if shift:
+            kernel = _lanczos(shift).to(images)
+            reach = len(kernel) // 2
+            sides = (reach, reach, 0, 0) if dim == -1 else (0, 0, reach, reach)
+            padded = pad(images.flatten(0, 1)[:, None], sides, mode="replicate")
+            shape = (1, 1, 1, -1) if dim == -1 else (1, 1, -1, 1)
+            images = conv2d(padded, kernel.view(shape))[:, 0].view(images.shape)
+    return images
+
+
+def offset_of(sharp: Tensor, seen: Tensor, most: int) -> tuple[float, float]:
+    """Px by which a picture [C, H, W] lies to the right of and below another, whatever its blur.
+
+    Their correlation is greatest there: a pupil that is the same when turned moves nothing.
+    """
+    spectra = []
+    for image in (sharp, seen):
+        light = image.clamp_min(0).mean(0)
+        light = light / (light + light.median().clamp_min(1e-3))  # lamps do not decide
+        spectra.append(torch.fft.rfft2(light - light.mean(), s=[2 * n for n in light.shape]))
+    both = torch.fft.irfft2(spectra[1] * spectra[0].conj())
+    places = torch.arange(-most, most + 1)
+    near = both[places][:, places]
+    down, across = divmod(int(near.argmax()), len(places))
+    return float(places[across]), float(places[down])
+
+
+def border_of(shift: float) -> int:
+    """Px at the border that a shift makes of what lies beyond."""
+    return math.ceil(abs(shift)) + _LOBES if shift else 0
+
+
+def _lanczos(shift: float) -> Tensor:
+    """The kernel, as `conv2d` wants it, that moves a signal by ``shift`` samples."""
+    reach = border_of(shift)
+    away = torch.arange(-reach, reach + 1, dtype=torch.float64) + shift
+    kernel = torch.sinc(away) * torch.sinc(away / _LOBES) * (away.abs() < _LOBES)
+    return kernel / kernel.sum()

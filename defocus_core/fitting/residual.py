@@ -1,0 +1,159 @@
+"""What a point makes of the sharp picture, and its difference from what is seen.
+
+Differences are taken of light compressed by x / (x + m), so that a lamp does not outweigh a scene.
+They count less where they are large (Huber), and not where light is clipped, where a clipped light
+is blurred, whose strength nobody knows, nor where the rendering invents. They are of the numbers of
+the pictures, not of what a gamma makes of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from defocus_core.fitting.pictures import Scale, border_of, shifted
+from defocus_core.fitting.unknowns import Point
+from defocus_core.optics.aperture import Aperture
+from defocus_core.render import render
+
+BEND = 0.02  # of compressed light, from which on a difference counts less
+_CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
+_TRUSTED = 0.9  # share of the lens, from which on a pixel counts
+_LEAST_WEIGHT = 0.05  # mean of a picture of which enough counts
+_LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
+_KEPT = 4  # renderings, as a shift needs no other
+
+
+class Residual:
+    """The differences between what points make and what is seen."""
+
+    def __init__(
+        self,
+        sharp: Tensor,
+        disparity: Tensor,
+        seen: tuple[Tensor, ...],
+        *,
+        exposure: bool,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        """Keep the pictures.
+
+        Args:
+            sharp: [C, H, W].
+            disparity: [H, W].
+            seen: One blurred picture, or left and right.
+            exposure: Whether each channel has a factor.
+            progress: Called with (renderings done, about how many in all).
+        """
+        self.width = sharp.shape[2]
+        self.exposure, self._progress, self._done = exposure, progress, 0
+        self._pictures = (sharp, disparity, seen)
+        self._middle = float(seen[0].float().abs().median().clamp_min(1e-3))
+        top = float(seen[0].max())
+        self._white = _CLIPPED * top if top <= 1.001 else math.inf
+        self._scales: dict[int, Scale] = {}
+        self._rendered: dict[object, tuple[Tensor, Tensor]] = {}
+
+    def scale(self, width: int | None) -> Scale:
+        """The pictures at a width in px; None for their own."""
+        width = min(width or self.width, self.width)
+        if width not in self._scales:
+            self._scales[width] = Scale(*self._pictures, width)
+        return self._scales[width]
+
+    def of(
+        self, point: Point, aperture: Aperture, scale: Scale, quality: str = "standard"
+    ) -> tuple[Tensor, Tensor]:
+        """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
+        made, weight = self._made(point, aperture, scale, quality)
+        seen = torch.stack(scale.seen)
+        if self.exposure:
+            made = made * self._factors(made, seen, weight)[:, None, None]
+        return self._compressed(made) - self._compressed(seen), weight
+
+    def gains(self, point: Point, aperture: Aperture, scale: Scale) -> Tensor:
+        """The factor of light of each channel [C]; ones if the exposure is the same."""
+        if not self.exposure:
+            return torch.ones(len(scale.sharp))
+        made, weight = self._made(point, aperture, scale, "standard")
+        return self._factors(made, torch.stack(scale.seen), weight) ** point.gamma
+
+    def _made(
+        self, point: Point, aperture: Aperture, scale: Scale, quality: str
+    ) -> tuple[Tensor, Tensor]:
+        """The numbers that a camera stores [V, C, H, W], and their weights [V, 1, H, W]."""
+        made, trust = self._render(point, aperture, scale, quality)
+        if scale.lost is not None:
+            made, lost = made[:, :-1], made[:, -1]
+            trust = trust * (1 - lost.amax(0) / _LOST).clamp(0, 1)
+        if point.gamma != 1:
+            made = made.clamp_min(0) ** (1 / point.gamma)
+        sure = ((trust - _TRUSTED) / (1 - _TRUSTED)).clamp(0, 1)
+        across, down = point.across * scale.factor, point.down * scale.factor
+        if across or down:
+            made = shifted(made, across, down)
+            sure = sure.clone()
+            for side, shift in ((sure.mT, across), (sure, down)):
+                if border := border_of(shift):
+                    side[:border] = side[-border:] = 0
+        unclipped = (torch.stack(scale.seen).amax(1, keepdim=True) < self._white).float()
+        return made, sure * unclipped
+
+    def _render(
+        self, point: Point, aperture: Aperture, scale: Scale, quality: str
+    ) -> tuple[Tensor, Tensor]:
+        """The views [V, C, H, W] of light that a blur makes, and their trust [H, W].
+
+        Where lights of the sharp picture are clipped, their share is a channel more.
+        """
+        key = (replace(point, across=0.0, down=0.0), aperture, scale.factor, quality)
+        if key in self._rendered:
+            return self._rendered[key]
+        strength = point.strength * scale.factor
+        light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
+        views = render(
+            light if scale.lost is None else torch.cat([light, scale.lost]),
+            strength * (point.focus - scale.disparity),
+            aperture=point.turned(aperture),
+            quality=quality,
+            left_right=len(scale.seen) > 1,
+            infinity=strength * point.focus,
+        )
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, max(self._done, 100))
+        images = [views.render] if len(scale.seen) == 1 else [views.left, views.right]
+        found = torch.stack([image for image in images if image is not None]), views.trust[0]
+        self._rendered[key] = found
+        if len(self._rendered) > _KEPT:
+            self._rendered.pop(next(iter(self._rendered)))
+        return found
+
+    def _factors(self, made: Tensor, seen: Tensor, weight: Tensor) -> Tensor:
+        """The factor of each channel [C] by least squares."""
+        common = weight / (seen + self._middle) ** 2
+        return (common * made * seen).sum((0, 2, 3)) / (common * made * made).sum(
+            (0, 2, 3)
+        ).clamp_min(1e-12)
+
+    def _compressed(self, light: Tensor) -> Tensor:
+        positive = light.clamp_min(0)
+        return positive / (positive + self._middle)
+
+
+def error_of(residual: Tensor, weight: Tensor) -> float:
+    """The mean of Huber's measure, over what counts; infinite if hardly anything does."""
+    if float(weight.mean()) < _LEAST_WEIGHT:
+        return math.inf
+    size = residual.abs()
+    measure = torch.where(size < BEND, size**2 / 2, BEND * (size - BEND / 2))
+    return float((measure * weight).sum() / (weight.sum() * residual.shape[1]))
+
+
+def robust_of(residual: Tensor, weight: Tensor) -> Tensor:
+    """Weights [V, C, H, W] by which least squares take Huber's measure."""
+    return weight * (BEND / residual.abs().clamp_min(1e-9)).clamp_max(1)

@@ -1,0 +1,95 @@
+"""The unknowns of a pair of pictures, and points: a value of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from defocus_core.optics.aperture import Aperture
+
+MOST_SHIFT = 16.0  # px
+_TURN = 30.0  # degrees
+
+
+@dataclass(frozen=True)
+class Point:
+    """A value of each unknown.
+
+    Attributes:
+        strength: k, px of radius for a disparity of 1.
+        focus: d₀, the disparity in focus.
+        gamma: Power of the numbers of the pictures that is linear light.
+        across: Px by which the blurred picture lies to the right of the sharp one.
+        down: Px by which it lies below.
+        rotation: Degrees by which the pupil is turned.
+    """
+
+    strength: float
+    focus: float
+    gamma: float = 1.0
+    across: float = 0.0
+    down: float = 0.0
+    rotation: float = 0.0
+
+    def turned(self, aperture: Aperture) -> Aperture:
+        """The pupil with its rotation."""
+        turn = self.rotation
+        return replace(aperture, rotation=aperture.rotation + turn) if turn else aperture
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """An unknown, in units of which one is a large change.
+
+    Attributes:
+        name: An attribute of `Point`.
+        unit: Of its value; of a ratio, of its logarithm.
+        probe: Difference that derivatives are taken over, in units.
+        most: Greatest step, in units.
+        is_ratio: Whether steps multiply it.
+        bound: Greatest value, with either sign; of a ratio, greatest factor either way.
+    """
+
+    name: str
+    unit: float
+    probe: float
+    most: float
+    is_ratio: bool = False
+    bound: float = math.inf
+
+    def moved(self, value: float, step: float) -> float:
+        """The value after a step."""
+        if self.is_ratio:
+            return min(max(value * math.exp(step * self.unit), 1 / self.bound), self.bound)
+        return min(max(value + step * self.unit, -self.bound), self.bound)
+
+
+def unknowns(span: float, *, gamma: bool = False, shift: bool = False) -> list[Unknown]:
+    """The unknowns of a pair, the strength and the focus first.
+
+    Args:
+        span: The range of disparity.
+        gamma: Whether the power is unknown that makes the pictures linear.
+        shift: Whether the blurred picture may be shifted.
+    """
+    rows = [
+        Unknown("strength", 1.0, 0.02, 0.5, is_ratio=True),
+        Unknown("focus", span, 0.02, 0.25),
+    ]
+    if gamma:
+        rows.append(Unknown("gamma", 1.0, 0.03, 0.2, is_ratio=True, bound=4.0))
+    if shift:
+        rows += [Unknown(name, 1.0, 0.25, 2.0, bound=MOST_SHIFT) for name in ("across", "down")]
+    return rows
+
+
+def rotation_of(aperture: Aperture) -> Unknown:
+    """The rotation of a pupil with blades as an unknown."""
+    return Unknown("rotation", _TURN, 0.1, 90 / (aperture.blades * _TURN))
+
+
+def moved(point: Point, free: Iterable[Unknown], steps: Sequence[float]) -> Point:
+    """A point after a step in each of the unknowns that are free."""
+    pairs = zip(free, steps, strict=True)
+    return replace(point, **{u.name: u.moved(getattr(point, u.name), by) for u, by in pairs})
