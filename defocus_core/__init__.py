@@ -15,7 +15,9 @@ from defocus_core.depth.guided_resize import GuidedDepth
 from defocus_core.depth.repair import diagnose_depth, repair_depth
 from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
 from defocus_core.distributions import ATTEMPTS, Distribution, drawn
+from defocus_core.engine.picture import shared_fill
 from defocus_core.engine.settings import Settings
+from defocus_core.engine.shared_fill import SharedFill
 from defocus_core.evaluation import baselines, metrics
 from defocus_core.evaluation.controllability import (
     STRENGTHS,
@@ -92,6 +94,7 @@ __all__ = [
     "Sensitivity",
     "Setting",
     "Settings",
+    "SharedFill",
     "Stream",
     "UnreachableTolerance",
     "Views",
@@ -125,6 +128,7 @@ __all__ = [
     "scenery",
     "seen_behind",
     "sensitivities",
+    "shared_fill",
     "temporal_mean",
     "verify",
     "with_lights",

@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.engine.picture import Picture, repaired_once
+from defocus_core.engine.picture import Picture, repaired_once, shared_fill
 from defocus_core.engine.region_schedule import assembled
 from defocus_core.engine.settings import Settings
+from defocus_core.engine.shared_fill import FillOfColors
 from defocus_core.images.views import Views, batch, of_channels
 from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind
@@ -118,9 +119,10 @@ def render(
     offsets = apart(color_offsets, pictures.shape[1])
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        repair = None
+        repair = fill = None
         if len(offsets) > 1:  # once for all colours
             radius, repair = repaired_once(radius, pixels, settings)
+            fill = shared_fill(pixels, radius, settings, repair, [px for _, px in offsets])
         colors = [
             _rendered(
                 pixels if len(offsets) == 1 else pixels[c],
@@ -129,6 +131,7 @@ def render(
                 known and known.of_channels(c, px),
                 progress,
                 repair,
+                None if fill is None else fill.of(c, float(px)),
             )
             for c, px in offsets
         ]
@@ -143,10 +146,11 @@ def _rendered(
     known: Behind | None,
     progress: Callable[[int, int], None] | None,
     repair: DepthRepair | None = None,
+    fill: FillOfColors | None = None,
 ) -> Views:
     """One picture, or one channel of it, whose radii may be repaired already."""
     with own_modes(pixels.device):
-        picture = Picture(pixels, radius, settings, known, repair=repair)
+        picture = Picture(pixels, radius, settings, known, repair=repair, fill=fill)
         return assembled(picture.frame, pixels, picture.parts(progress=progress))
 
 

@@ -13,6 +13,7 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.picture import Picture
 from defocus_core.engine.region_schedule import total
 from defocus_core.engine.settings import STANDARD, Settings
+from defocus_core.engine.shared_fill import FillOfColors
 from defocus_core.images.source import Pixels
 from defocus_core.images.views import Views
 from defocus_core.inpainting.known_layer import Behind
@@ -33,6 +34,7 @@ class Stream(Picture):
         *,
         layered: Layered | None = None,
         repair: DepthRepair | None = None,
+        fill: FillOfColors | None = None,
         hold: bool = False,
     ) -> None:
         """Repair the depth, and prepare the frame.
@@ -45,6 +47,7 @@ class Stream(Picture):
             layered: The layers of which `image`, with alpha, is the `picture` in focus and
                 `signed_radius` the `nearest` radius; the regions have alpha, too.
             repair: The repair by which `repair_depth` made the radii; None to repair them here.
+            fill: Of some colours what `fill_for` of the picture continues for all.
             hold: Whether there is room for repaired radii and the cells of a draft, together two
                 thirds of the picture in float32; without room those of a large picture are computed
                 anew for each window.
@@ -75,7 +78,14 @@ class Stream(Picture):
         self._counts: list[dict[str, int]] = []
         with torch.no_grad(), own_modes(image.device):
             super().__init__(
-                image, signed_radius, settings, known, layered=layered, repair=repair, hold=hold
+                image,
+                signed_radius,
+                settings,
+                known,
+                layered=layered,
+                repair=repair,
+                fill=fill,
+                hold=hold,
             )
 
     def regions(

@@ -19,6 +19,7 @@ from defocus_cli.rendering.colors_apart import (
     chosen,
     of_colors,
     plus,
+    renderings,
     transposed,
     turned_layer,
     turned_layers,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         Layered,
         Pixels,
         Settings,
+        SharedFill,
         Stream,
         Views,
     )
@@ -64,6 +66,7 @@ class Streams:
         self._loaded, self._radius, self._seen = loaded, radius, seen
         self.outcome = outcome
         self.lights: int | None = None
+        self._fills: dict[bool, SharedFill | None] = {}
 
     @property
     def words(self) -> str:
@@ -91,7 +94,32 @@ class Streams:
         if colors.turned:
             image, radii = transposed(image), transposed(radii)
             behind = behind and turned_layer(behind)
-        return Stream(image, radii, settings, behind, repair=repair, hold=self._holds)
+        fill = self._fill(colors.turned)
+        return Stream(
+            image,
+            radii,
+            settings,
+            behind,
+            repair=repair,
+            fill=None if fill is None else fill.of(colors.channels, px),
+            hold=self._holds,
+        )
+
+    def _fill(self, turned: bool) -> SharedFill | None:
+        """What is continued for all colours together; None of one rendering."""
+        from defocus_core import shared_fill
+
+        if turned not in self._fills:
+            colors = [c for c in renderings(self._loaded, self.outcome) if c.turned == turned]
+            fill, (radii, repair) = None, self._repaired
+            if len(colors) > 1:
+                image = transposed(self._image) if turned else self._image
+                radii = transposed(radii) if turned else radii
+                offsets = [self._longer * c.offset for c in colors]
+                settings, keep = self._settings(colors[0]), self._holds
+                fill = shared_fill(image, radii, settings, repair, offsets, keep=keep)
+            self._fills[turned] = fill
+        return self._fills[turned]
 
     def in_order(self, part: Views, colors: Colors) -> Views:
         """A rendered part with its channels in the order of those that were asked for.

@@ -16,12 +16,13 @@ from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
 from defocus_core.engine.region import Region
+from defocus_core.engine.shared_fill import FillOfColors, continued
 from defocus_core.images.box import Box
 from defocus_core.images.pyramid import axes
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid
 from defocus_core.inpainting.frame_pyramid import Backdrop
-from defocus_core.inpainting.hidden_layers import HiddenLayer, hidden_layer
+from defocus_core.inpainting.hidden_layers import HiddenLayer
 from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, whole
@@ -39,7 +40,7 @@ class LayeredRegion(Region):
         pixels: Pixels,
         signed_radius: Pixels,
         layered: Layered,
-        backdrop: Backdrop | None,
+        backdrop: Backdrop | FillOfColors | None,
     ) -> None:
         """Find the samples of a region, and prepare their blur.
 
@@ -116,13 +117,12 @@ class LayeredRegion(Region):
         color: Tensor,
         signed_radius: Tensor,
         behind: Behind | None,
-        backdrop: Backdrop,
+        backdrop: Backdrop | FillOfColors,
         outer: Box,
     ) -> list[Filling]:
         """What is continued: surfaces behind pixels of which no sample tells what is behind."""
         frame, inner, inside = self._frame, self._inner, self._inside
-        halvings = frame.slices.invented.halvings
-        invented = hidden_layer(color, signed_radius, backdrop, outer, inside, halvings=halvings)
+        invented = continued(color, signed_radius, backdrop, outer, inside, frame)
         if invented is not None and self._is_known is not None:
             everywhere = torch.full_like(signed_radius, torch.inf)
             known = HiddenLayer(*map(inside.of, (color, everywhere, self._is_known)))

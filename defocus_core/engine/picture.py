@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
+import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
@@ -12,16 +13,20 @@ from defocus_core.depth.repair import repair_depth, repaired
 from defocus_core.engine.draft_cells import behind_at_half_size, half_size, means, radii_in_cells
 from defocus_core.engine.draft_enlarging import Enlarging
 from defocus_core.engine.field import darkened
+from defocus_core.engine.frame import Frame
 from defocus_core.engine.preparation import frame_of
 from defocus_core.engine.region_schedule import rendered_regions
 from defocus_core.engine.settings import Settings
+from defocus_core.engine.shared_fill import FillOfColors, SharedFill
 from defocus_core.images.neighbourhoods import ends_of
 from defocus_core.images.source import Pixels, banded
 from defocus_core.images.views import Views
+from defocus_core.inpainting.frame_pyramid import EDGE
 from defocus_core.inpainting.known_layer import Behind
 from defocus_core.layers.ladder import SHARP
 from defocus_core.layers.quality import find
 from defocus_core.layers.stacked_samples import Layered
+from defocus_core.optics.outline import Scalar
 
 
 class Picture:
@@ -35,6 +40,7 @@ class Picture:
         image: [C, h, w] pixels to render; at half size cells, with one channel more.
         signed_radius: [h, w] radii to render by, in px or in cells.
         layered: The layers of which it is the picture; None for a picture of its own.
+        fill: What is continued for all colours of which these are some; None if it is not shared.
         reaching: [h, w] the radii whose light reaches farthest, in px or in cells.
     """
 
@@ -47,6 +53,7 @@ class Picture:
         *,
         layered: Layered | None = None,
         repair: DepthRepair | None = None,
+        fill: FillOfColors | None = None,
         hold: bool = False,
     ) -> None:
         """Repair the depth, and prepare the frame.
@@ -59,6 +66,8 @@ class Picture:
             layered: The layers of which `image`, with alpha, and `signed_radius` are the picture;
                 they are rendered as they are, not repaired and not at half size.
             repair: The repair by which the radii were made already; None to repair them here.
+            fill: What is continued for all colours of which these are some; for a picture that is
+                not rendered at half size.
             hold: Whether there is room for the repaired radii and the cells of a large picture that
                 is no tensor; without room they are computed anew for each window.
 
@@ -93,6 +102,7 @@ class Picture:
         if layered is not None:
             counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
             self.reaching = layered.most_blurred()
+        self.fill = None if self.at_half_size or layered is not None else fill
         self.frame = frame_of(
             counted,
             self.signed_radius,
@@ -102,6 +112,7 @@ class Picture:
             quantised=self.repair.quantised and not self.at_half_size,
             uncertain=self.repair.uncertain_edges,
             layered=layered,
+            all_ends=self.fill and self.fill.shared.ends,
         )
         self._enlarging: Enlarging | None = None
         if self.at_half_size:
@@ -127,6 +138,7 @@ class Picture:
             self.signed_radius,
             self._hidden,
             layered=self.layered,
+            fill=self.fill,
             reaching=self.reaching,
             at_once=at_once,
             progress=progress,
@@ -136,6 +148,38 @@ class Picture:
         if cat_eye is None or not cat_eye.vignetting:
             return parts
         return (darkened(part, cat_eye, self.size) for part in parts)
+
+
+def shared_fill(
+    image: Pixels,
+    signed_radius: Pixels,
+    settings: Settings,
+    repair: DepthRepair,
+    offsets: Sequence[Scalar],
+    *,
+    keep: bool = True,
+) -> SharedFill | None:
+    """What is continued for all colours that are rendered apart.
+
+    None where gradients are wanted, or where no surface hides another.
+
+    Args:
+        image: [C, H, W], all channels.
+        signed_radius: [H, W] px, repaired.
+        settings: The options.
+        repair: The repair of the radii.
+        offsets: Px that are added to the radii of each group of colours.
+        keep: Whether there is room to keep it for all of them; it is the same without.
+    """
+    learns = (getattr(x, "requires_grad", False) for x in (image, signed_radius, *offsets))
+    wanted = torch.is_grad_enabled() and any(learns)
+    if wanted or not any(_has_edges(band) for band in banded(signed_radius)):
+        return None
+
+    def frame() -> Frame:
+        return Picture(image, signed_radius, settings, None, repair=repair).frame
+
+    return SharedFill(frame, image, signed_radius, [float(px) for px in offsets], keep=keep)
 
 
 def repaired_once(
@@ -151,6 +195,12 @@ def repaired_once(
         edge_width=settings.edge_width,
         decided=settings.decided,
     )
+
+
+def _has_edges(radii: Tensor) -> bool:
+    """Whether surfaces hide others in a band [h, W] of radii."""
+    steps = (radii.diff(dim=0), radii.diff(dim=1))
+    return any(step.numel() > 0 and float(ends_of(step).abs().amax()) > EDGE for step in steps)
 
 
 def _is_blurred(signed_radius: Pixels) -> bool:

@@ -40,6 +40,7 @@ def frame_of(
     quantised: bool = False,
     uncertain: bool = False,
     layered: Layered | None = None,
+    all_ends: tuple[float, float] | None = None,
 ) -> Frame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
@@ -51,6 +52,8 @@ def frame_of(
         hidden: The known layer behind the visible surface.
         quantised: Whether radii had few levels before they were repaired.
         uncertain: Whether edges of depth were soft or averages before they were repaired.
+        all_ends: Least and greatest signed radius of all colours that are rendered apart; None for
+            those of these pixels.
         layered: The layers of which `pixels` and `signed_radius` are the picture.
 
     Raises:
@@ -60,7 +63,7 @@ def frame_of(
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
     survey = surveyed(pixels, signed_radius, dtype, settings.threads)
     content = Content(
-        ends=(survey.least, survey.most),
+        ends=all_ends or (survey.least, survey.most),
         edges=layered is not None or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
         quantised=quantised,

@@ -24,13 +24,13 @@ from defocus_core.engine.field import corner_views, frame_at, views_of
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.hidden_fill import Filling
 from defocus_core.engine.layer_order import add_in_order
+from defocus_core.engine.shared_fill import FillOfColors, continued
 from defocus_core.images.box import Box
 from defocus_core.images.pyramid import axes
 from defocus_core.images.source import Pixels
 from defocus_core.images.tiling import Grid
 from defocus_core.images.views import Views
 from defocus_core.inpainting.frame_pyramid import Backdrop
-from defocus_core.inpainting.hidden_layers import hidden_layer
 from defocus_core.inpainting.known_layer import Behind, separated
 from defocus_core.layers.ladder import position
 from defocus_core.layers.matting import Unmixed, unmixed, whole
@@ -57,7 +57,7 @@ class Region:
         pixels: Pixels,
         signed_radius: Pixels,
         behind: Behind | None,
-        backdrop: Backdrop | None,
+        backdrop: Backdrop | FillOfColors | None,
     ) -> None:
         """Find the surfaces of a region, and prepare their blur.
 
@@ -67,7 +67,8 @@ class Region:
             pixels: [C, H, W] of the frame, in any precision.
             signed_radius: [H, W] px of the frame.
             behind: The known layer behind the visible surface of the frame.
-            backdrop: The frame at low resolution; None if nothing in it is continued.
+            backdrop: The frame at low resolution, or hidden surfaces that are continued for all
+                colours; None if nothing is continued.
         """
         frame = frame_at(frame, grid.box)
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
@@ -154,13 +155,12 @@ class Region:
         color: Tensor,
         signed_radius: Tensor,
         behind: Behind | None,
-        backdrop: Backdrop,
+        backdrop: Backdrop | FillOfColors,
         outer: Box,
     ) -> list[Filling]:
         """The hidden surfaces that have pixels; nothing is invented where a surface is known."""
         frame, inner, inside = self._frame, self._inner, self._inside
-        halvings = frame.slices.invented.halvings
-        invented = hidden_layer(color, signed_radius, backdrop, outer, inside, halvings=halvings)
+        invented = continued(color, signed_radius, backdrop, outer, inside, frame)
         if invented is None:
             return []
         surfaces = [(invented, False)]

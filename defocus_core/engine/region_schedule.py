@@ -9,16 +9,17 @@ from itertools import count, islice
 import torch
 from torch import Tensor
 
-from defocus_core.engine.frame import Frame
+from defocus_core.engine.frame import NEIGHBOURHOOD, Frame
 from defocus_core.engine.layered_region import LayeredRegion
 from defocus_core.engine.region import Region
-from defocus_core.engine.unchanged_parts import blurred_part
-from defocus_core.images.box import Box
+from defocus_core.engine.shared_fill import FillOfColors
+from defocus_core.images.box import Box, Span
 from defocus_core.images.source import Pixels
-from defocus_core.images.tiling import Grid, regions
+from defocus_core.images.tiling import BLOCK, Grid, regions
 from defocus_core.images.views import Views, added, joined
-from defocus_core.inpainting.frame_pyramid import backdrop_of
+from defocus_core.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.inpainting.known_layer import Behind
+from defocus_core.layers.ladder import SHARP
 from defocus_core.layers.stacked_samples import Layered
 from defocus_core.runtime.checkpointing import recomputed, unrecorded
 from defocus_core.runtime.threads import threaded
@@ -37,6 +38,7 @@ def rendered_regions(
     hidden: Behind | None,
     *,
     layered: Layered | None,
+    fill: FillOfColors | None,
     reaching: Pixels,
     at_once: int | None,
     progress: Callable[[int, int], None] | None,
@@ -49,13 +51,14 @@ def rendered_regions(
         signed_radius: [H, W] px.
         hidden: The known layer behind the visible surface.
         layered: The layers of which `pixels` and `signed_radius` are the picture.
+        fill: What is continued for all colours; None to continue it here.
         reaching: [H, W] px, the radii whose light reaches farthest.
         at_once: Greatest number of regions computed at once; None for as many as threads.
         progress: As for `render`.
     """
     threads, content = frame.settings.threads, frame.content
-    backdrop = None
-    if content.edges and (layered is None or layered.is_continued):
+    backdrop: Backdrop | FillOfColors | None = fill if content.edges else None
+    if fill is None and content.edges and (layered is None or layered.is_continued):
         shown, limit = pixels, content.limit
         if layered is not None:
             if not layered.blurs_alpha:
@@ -159,3 +162,53 @@ def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
             row = []
         row.append(part)
     yield row
+
+
+def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None:
+    """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
+
+    Args:
+        frame: The frame of the picture.
+        grid: The tiles of the region.
+        signed_radius: [H, W] px of the frame.
+
+    Returns:
+        None if all of the region is copied.
+    """
+    if not frame.copies_in_focus:
+        return grid
+    around = grid.box.grown(frame.margin, frame.box)
+    radii = around.of(signed_radius).detach()
+    down, across = (_reached(frame, around, radii, dim) for dim in (0, 1))
+    return grid.within(Box.over(down, across)) if down and across else None
+
+
+def _reached(frame: Frame, around: Box, radii: Tensor, dim: int) -> Span | None:
+    """Blocks along an axis that blurred light reaches; None if none are reached.
+
+    Args:
+        frame: The frame of the picture.
+        around: A part of the frame.
+        radii: [h, w] px of the part.
+        dim: The axis: 0 for rows.
+    """
+    least, most = radii.amin(1 - dim), radii.amax(1 - dim)
+    at = torch.nonzero((least < -SHARP) | (most > SHARP))[:, 0]
+    if not len(at):
+        return None
+    reach = _reach(frame, least.index_select(0, at), most.index_select(0, at))
+    at = at + around[dim]
+    first, last = int((at - reach).amin()), int((at + reach).amax())
+    return Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK)
+
+
+def _reach(frame: Frame, least: Tensor, most: Tensor) -> Tensor | int:
+    """Px around pixels of radii [n] from least to most in which their blur changes the picture."""
+    if frame.content.edges:  # which reveal hidden surfaces, too
+        return frame.margin
+    ladder = torch.tensor(frame.slices.radii, dtype=torch.float64, device=least.device)
+    spread = torch.tensor(frame.slices.visible.reaches, device=least.device)
+    nearest = torch.searchsorted(ladder, least.double(), right=True) - 1
+    farthest = torch.searchsorted(ladder, most.double())
+    ends = (end.clamp(0, len(ladder) - 1) for end in (nearest, farthest))
+    return NEIGHBOURHOOD + torch.maximum(*(spread.index_select(0, end) for end in ends))

@@ -16,7 +16,7 @@ from torch import Tensor
 from defocus_core.blur.field_blend import CORNERS
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.engine.frame import Frame
-from defocus_core.engine.unchanged_parts import blurred_part
+from defocus_core.engine.region_schedule import blurred_part
 from defocus_core.images.box import Box
 from defocus_core.images.neighbourhoods import extreme_around
 from defocus_core.images.source import Pixels
@@ -115,8 +115,19 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
     versions = 1 if frame.settings.field is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
-    whole = _FIXED + coarse + enlarged + spectra + repaired
+    whole = _FIXED + coarse + enlarged + spectra + repaired + _bytes_of_fill(stream, grids)
     return whole + threads * _OF_THREAD + at_once * (region + result)
+
+
+def _bytes_of_fill(stream: Stream, grids: list[Grid]) -> float:
+    """Bytes of what is continued for all colours, which is kept until each has taken it."""
+    frame, fill = stream.frame, stream.fill
+    if fill is None or not fill.shared.keeps:
+        return 0.0
+    reach = frame.farthest + frame.farthest % 2
+    area = sum(grid.box.grown(reach, frame.box).area for grid in grids)
+    sample = (fill.shared.colors + 2) * frame.dtype.itemsize
+    return float(area * sample / (1 << 2 * frame.slices.invented.halvings))
 
 
 def cells_bytes(shape: tuple[int, ...]) -> float:

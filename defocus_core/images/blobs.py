@@ -52,15 +52,17 @@ class Runs(NamedTuple):
         one, other = self._touching(width)
         label = torch.arange(len(self.row), device=self.row.device)
         while True:
-            least = torch.minimum(label[one], label[other])
-            lower = label
-            for runs in (one, other, label[one], label[other]):
-                lower = lower.scatter_reduce(0, runs, least, "amin")
-            lower = lower[lower]
-            if torch.equal(lower, label):
+            first, second = label[one], label[other]
+            apart = first != second
+            if not bool(apart.any()):
                 number: Tensor = torch.unique(label, return_inverse=True)[1]
                 return number
-            label = lower
+            one, other, first, second = (x[apart] for x in (one, other, first, second))
+            least = torch.minimum(first, second)
+            # of two trees of runs the root of one is below that of the other from now on
+            label = label.scatter_reduce(0, torch.maximum(first, second), least, "amin")
+            while not torch.equal(root := label[label], label):
+                label = root
 
     def _touching(self, width: int) -> tuple[Tensor, Tensor]:
         """Pairs of runs of neighbouring rows that share a side or a corner."""

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, pad
+from torch.nn.functional import pad
 
 from defocus_core.images.blobs import Runs
 from defocus_core.images.derived import Derived
@@ -38,8 +39,10 @@ _HUE = (0.6, 0.9)
 # share of the width to each side, so many px at least.
 _COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
 _AROUND, _LEAST_AROUND = 0.012, 4
-# Levels of brightness at which blobs are found, and cells across the surroundings to a side.
-_LEVELS, _CELLS = 32, 6
+# Levels of brightness at which blobs are found, the closer the brighter.
+_LEVELS = (0.0, 0.3, 0.5, 0.65, 0.75, 0.82, 0.88, 0.91, 0.94, 0.97, 1.0)
+# Cells across the surroundings to a side.
+_CELLS = 6
 # Light above 1 by more than rounding was measured, and is left as it is.
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
@@ -98,8 +101,7 @@ class ClippedLights:
             return
         levels, self.count = _found(image, least, count)
         lit = _Lit(image, threshold, gain, count, levels)
-        height, width = image.shape[-2:]
-        self.added = lit.made((0, height), (0, width)) if isinstance(image, Tensor) else lit
+        self.added = lit.at_once(1) if isinstance(image, Tensor) else lit
 
 
 class _Level(NamedTuple):
@@ -121,57 +123,61 @@ class _Level(NamedTuple):
 def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_Level], int]:
     """The blobs of each level from the threshold on, and the number of lights."""
     size = image.shape[-2], image.shape[-1]
-    numbers = range(math.floor(threshold * _LEVELS), _LEVELS)
+    pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
     around = max(_LEAST_AROUND, round(_AROUND * size[1]))
-    found: list[list[tuple[Runs, Tensor, Tensor]]] = [[] for _ in numbers]
+    found: list[list[tuple[Runs, Tensor, Tensor]]] = [[] for _ in pairs]
     for first, end in bands(*size):
         top = max(first - around, 0)
         light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
-        for level, k in zip(found, numbers, strict=True):
-            level.append(_band(light, (first, end), top, k / _LEVELS, around))
+        bright, least = light.amax(0), light[:, first - top : end - top].amin(0)
+        for level, (low, _) in zip(found, pairs, strict=True):
+            level.append(_band(bright, least, (first, end), top, low, around))
     levels = []
-    for level, k in zip(found, numbers, strict=True):
-        runs, least, beside = zip(*level, strict=True)
+    for level, (low, high) in zip(found, pairs, strict=True):
+        runs, leasts, besides = zip(*level, strict=True)
         joined = Runs.joined([*runs])
-        share = _shares(joined, torch.cat(least), torch.cat(beside) * _LEVELS / max(k, 1), size)
-        levels.append(_Level(k / _LEVELS, (k + 1) / _LEVELS, joined, share))
+        beside = torch.cat(besides) / max(low, _LEVELS[1])
+        levels.append(_Level(low, high, joined, _shares(joined, torch.cat(leasts), beside, size)))
     return levels, _count(levels, threshold, size[1])
 
 
 def _band(
-    light: Tensor, rows: tuple[int, int], top: int, level: float, around: int
+    bright: Tensor, least: Tensor, rows: tuple[int, int], top: int, level: float, around: int
 ) -> tuple[Runs, Tensor, Tensor]:
     """The runs of a band that are brighter than a level, their least channel and surroundings.
 
     Args:
-        light: [C, h, W], the band and rows around it.
+        bright: [h, W] the brightest channel of the band, and of rows around it.
+        least: [h, W] the least channel of the band.
         rows: First row of the band, and its end.
-        top: Row of the first row of `light`.
+        top: Row of the first row of `bright`.
         level: The level.
         around: Px to each side that are the surroundings.
 
     Returns:
         The runs; of each the sum of its least channel, and its surroundings times its area.
     """
-    inner, bright = slice(rows[0] - top, rows[1] - top), light.amax(0)
-    runs = Runs.of(bright[inner] > level, rows[0])
+    runs = Runs.of(bright[rows[0] - top : rows[1] - top] > level, rows[0])
     if not len(runs.row):
         return runs, bright.new_zeros(0).double(), bright.new_zeros(0).double()
-    sums = pad(light[:, inner].amin(0).flatten().cumsum(0, dtype=torch.float64), (1, 0))
+    sums = pad(least.flatten().cumsum(0, dtype=torch.float64), (1, 0))
     start = (runs.row - rows[0]) * bright.shape[1]
-    least = sums[start + runs.end] - sums[start + runs.first]
+    total = sums[start + runs.end] - sums[start + runs.first]
     cell = max(1, around // _CELLS)
     beside = _beside(bright, level, cell, around // cell)
     row = (runs.row - top) // cell
     ends = (beside[row, column // cell] for column in (runs.first, runs.end - 1))
-    return runs, least, sum(ends) / 2 * runs.area
+    return runs, total, sum(ends) / 2 * runs.area
 
 
 def _beside(bright: Tensor, level: float, cell: int, around: int) -> Tensor:
     """Mean brightness of what is not above a level around each cell; the level without any."""
-    dark = (bright <= level).to(torch.float64)
-    both = torch.stack([dark, dark * bright])[:, None]
-    both = avg_pool2d(both, cell, ceil_mode=True, count_include_pad=False)[:, 0]
+    dark = (bright <= level).to(bright)
+    down, across = (-n % cell for n in bright.shape)
+    cells = pad(torch.stack([dark, dark * bright]), (0, across, 0, down))
+    rows, columns = (n // cell for n in cells.shape[1:])
+    cells = cells.view(2, rows, cell, columns, cell).sum(4).sum(2)
+    both = cells.double() / cell**2
     for dim in (-2, -1):
         length = both.shape[dim]
         sums = torch.cat([torch.zeros_like(both.narrow(dim, 0, 1)), both.cumsum(dim)], dim)

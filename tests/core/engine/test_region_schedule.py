@@ -9,8 +9,8 @@ from defocus_core import render
 from defocus_core.engine import region_schedule
 from defocus_core.engine.frame import Frame
 from defocus_core.engine.preparation import frame_of
+from defocus_core.engine.region_schedule import blurred_part
 from defocus_core.engine.settings import Settings
-from defocus_core.engine.unchanged_parts import blurred_part
 from defocus_core.images.box import Box
 from defocus_core.images.tiling import BLOCK, Grid
 from defocus_core.layers.quality import find

@@ -11,6 +11,7 @@ from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, 
 from image_files import save
 
 from defocus_cli.dataset.finished import samples
+from defocus_cli.rendering import streams
 
 SIZE = 48
 SHAPES = {
@@ -406,3 +407,22 @@ def test_looks_are_swept_and_drawn_in_jobs_files(light: tuple[Path, Path], tmp_p
     assert len(set(obstructions)) == 2
     assert all(0.1 <= value <= 0.5 for value in obstructions)
     assert [sample.lens.obstruction for sample in found] == obstructions
+
+
+def test_colours_apart_are_the_same_within_any_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pixels = np.random.default_rng(1).random((64, 96, 3), np.float32)
+    metres = np.full((64, 96), 9.0, np.float32)
+    metres[16:48, 30:60] = 1.2
+    color, depth = color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "d.exr", metres)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "9mm")
+    options = (*lens, "--axial-color", "0.1mm:-0.1mm", "--exr-type", "float")
+    shown = []
+    for name, holds in (("much", True), ("little", False)):
+        monkeypatch.setattr(streams, "holds_cells", lambda *_, holds=holds: holds)
+        ran = run("render", color, depth, "-o", tmp_path / name, *options)
+        assert ran.code == 0, ran.err
+        shown.append(read_exr(tmp_path / name / "render/a.exr"))
+    for channel in "RGB":
+        np.testing.assert_array_equal(shown[0][channel], shown[1][channel])
