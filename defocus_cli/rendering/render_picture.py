@@ -173,7 +173,7 @@ def stream_of(
         keeping = loaded.holding.keeping
         of_layers = [times(radius_map(lens, d, keeping)[0], longer) for d in loaded.layers.depths]
         known = layered(loaded.layers, of_layers, device)
-        if known.open or known.number > 1:
+        if known.open or known.deepest > 1:
             return Stream(known.picture(alpha=True), known.nearest(), settings, layered=known)
     elif loaded.plate is not None:
         own, behind = (times(array, longer) for array in radius.arrays)
