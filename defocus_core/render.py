@@ -214,9 +214,12 @@ def render_layers(
     _check_layers(colors, signed_radius, coverage)
     layered = Layered.of(colors, signed_radius, coverage)
     with own_modes(colors.device):
-        if layered.number == 1 and not layered.open:
-            picture = Picture(colors[0], signed_radius[0], settings, None)
-            views = assembled(picture.frame, colors[0], picture.parts(progress=progress))
+        if layered.deepest == 1 and not layered.open:
+            pixels, radius = layered.picture(alpha=False), layered.nearest()
+            assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
+            picture = Picture(pixels, radius, settings, None)
+            views = assembled(picture.frame, pixels, picture.parts(progress=progress))
+            views = views.to(colors.dtype)
             alpha = torch.ones_like(views.render[:1])
             return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
         pixels = layered.picture(alpha=True)

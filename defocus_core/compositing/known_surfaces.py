@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.blur.layer_blur import Shown
-from defocus_core.compositing.saturating_sum import add_within, share_behind
+from defocus_core.compositing.saturating_sum import add_within, is_full, share_behind
+from defocus_core.images.box import Box
 
 # Coverage below which a hidden share is rounding.
 _LEAST = 1e-6
@@ -41,26 +42,32 @@ def add_known(
     Returns:
         The front, and the change of its colours by sub-pixel shifts if there are any.
     """
-    moved, left_over = None, []
+    moved, hidden_shares = None, []
     for number in sorted({*visible, *hidden}):
         shown, behind = visible.get(number), hidden.get(number)
-        before, most = front[:, -1:].clone(), full
+        before = None if behind is None else behind.box.of(front)[:, -1:].clone()
         if shown is not None:
-            within = shown.box.of(most) if isinstance(most, Tensor) else most
+            within = _of(full, shown.box)
             share = share_behind(shown.box.of(front), shown.layer, within)
             front = add_within(front, shown.box, shown.layer, share)
             if shown.moved is not None:
                 moved = torch.zeros_like(front[:, :-1]) if moved is None else moved
                 moved = add_within(moved, shown.box, shown.moved, share)
-        if behind is not None:
+        if behind is not None and before is not None:
             share = _share_hidden(before, front, shown, behind, full)
             front = add_within(front, behind.box, behind.layer, share)
-            if closed:
-                left_over.append((behind.box, behind.layer * (1 - share)))
-    for box, layer in left_over:
-        within = box.of(full) if isinstance(full, Tensor) else full
-        front = add_within(front, box, layer, share_behind(box.of(front), layer, within))
+            hidden_shares.append((behind, share))
+    for behind, share in hidden_shares if closed else ():
+        within, window = _of(full, behind.box), behind.box.of(front)
+        if not is_full(window, within):
+            rest = behind.layer * (1 - share)
+            front = add_within(front, behind.box, rest, share_behind(window, rest, within))
     return front, moved
+
+
+def _of(full: Tensor | float, box: Box) -> Tensor | float:
+    """The greatest coverage in a box."""
+    return box.of(full) if isinstance(full, Tensor) else full
 
 
 def _share_hidden(
@@ -69,23 +76,22 @@ def _share_hidden(
     """The share [M, 1, h, w] of a hidden layer that is seen, in its box.
 
     Args:
-        before: [M, 1, H, W], coverage of the front before the layer.
+        before: [M, 1, h, w], coverage of the front in this box before the layer.
         front: [M, C + 1, H, W], the front with what is visible of the layer.
         shown: What is visible of the layer.
         behind: What is hidden of the layer.
         full: Greatest coverage.
     """
-    box = behind.box
+    box, most = behind.box, _of(full, behind.box)
     coverage = behind.layer[:, -1:].clamp(min=0)
-    covered = box.of(front)[:, -1:]
     whole = coverage
     if shown is not None:
-        blank = torch.zeros_like(before)
-        whole = whole + box.of(add_within(blank, shown.box, shown.layer[:, -1:].clamp(min=0)))
-    most = box.of(full) if isinstance(full, Tensor) else full
-    gap = (most - box.of(before)).clamp(min=0)
-    expected = torch.minimum(whole * gap / most, gap)
-    added = (expected - (covered - box.of(before))).clamp(min=0)
-    certain = coverage > _LEAST
-    share = added / torch.where(certain, coverage, 1.0)
-    return torch.where(certain, share, 0.0).clamp(max=1)
+        both = shown.box.grown(0, box)
+        if both.height > 0 and both.width > 0:
+            visible = both.seen_from(shown.box).of(shown.layer)[:, -1:].clamp(min=0)
+            whole = add_within(coverage.clone(), both.seen_from(box), visible)
+    gap = (most - before).clamp(min=0)
+    expected = gap * (whole / most).clamp(max=1)
+    added = (expected - (box.of(front)[:, -1:] - before)).clamp(min=0)
+    added = torch.where(coverage > _LEAST, added, 0.0)
+    return (added / coverage.clamp(min=_LEAST)).clamp(max=1)

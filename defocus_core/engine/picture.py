@@ -90,7 +90,7 @@ class Picture:
         self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
         self.layered = layered
         if layered is not None:
-            quality = quality.of_layers(layered.number)
+            quality = quality.of_layers(layered.deepest)
         by_scene = quality.half_size and settings.by_scene
         self.at_half_size = by_scene and _is_blurred(signed_radius)
         if self.at_half_size:

@@ -81,7 +81,7 @@ def cost(stream: Stream) -> Cost:
         + _SLICED * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
         + _BEHIND * full_size * edges * max(map(abs, frame.content.ends))
     )
-    if stream.layered is not None and stream.layered.number > 1:
+    if stream.layered is not None and stream.layered.deepest > 1:
         work *= _LAYERED
     slices, count = len(frame.slices.radii), len(frame.grid.tiles)
     return Cost(slices, count, 2 * slices * count, reached, _PICTURE + samples * work)

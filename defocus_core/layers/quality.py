@@ -43,9 +43,13 @@ class Quality:
     parts: int
     known_parts: int
 
-    def of_layers(self, number: int) -> Quality:
-        """The same settings for a picture of so many layers, which is not rendered at half size."""
-        parts = self.parts if number == 1 else self.known_parts
+    def of_layers(self, deepest: int) -> Quality:
+        """The same settings for layers, which are not rendered at half size.
+
+        Args:
+            deepest: The greatest number of samples in one pixel.
+        """
+        parts = self.parts if deepest == 1 else self.known_parts
         return replace(self, half_size=False, parts=parts)
 
     def in_cells(self) -> Quality:

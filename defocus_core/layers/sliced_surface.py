@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, reduce
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,6 +22,20 @@ from defocus_core.layers.samples import Samples
 # Rows of samples averaged at once are a multiple of _BAND, of about _AREA samples: they stay in a
 # cache.
 _BAND, _AREA = 64, 1 << 16
+
+
+class _Sheet(NamedTuple):
+    """Samples of which no two are of one pixel.
+
+    Attributes:
+        layer: [C + 1, H, W] in a frame of zeros.
+        places: [H, W] positions on the ladder, in the same frame.
+        blocks: [K, rows, columns] bool, the blocks that hold samples of a slice.
+    """
+
+    layer: Tensor
+    places: Tensor
+    blocks: Tensor
 
 
 class Surface:
@@ -60,11 +75,13 @@ class Surface:
         if samples.coverage is not None:
             covered = samples.coverage.detach()[0].bool()
             exists = None if bool(covered.all()) else covered
-        blocks = blocks_of(samples.places, count, exists)
+        own = blocks_of(samples.places, count, exists)
+        others = [
+            blocks_of(places, count, layer.detach()[-1].bool()) for layer, places in samples.others
+        ]
+        blocks = reduce(torch.logical_or, others, own)
         if len(samples.at):
-            blocks |= blocks_at(samples.extra_places, samples.at, count, (H, W))
-        for layer, places in samples.others:
-            blocks |= blocks_of(places, count, layer.detach()[-1].bool())
+            blocks = blocks | blocks_at(samples.extra_places, samples.at, count, (H, W))
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._blocks = blocks.cpu()
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
@@ -81,10 +98,10 @@ class Surface:
         else:
             layer = self._framed([color * self._coverage, self._coverage])
         self._places, self._shifts = self._framed([samples.places[None]])[0], samples.shifts
-        self._sheets = [(layer, self._places)]
+        self._sheets = [_Sheet(layer, self._places, own.cpu())]
         self._sheets += [
-            (self._framed([layer]), self._framed([places[None]])[0])
-            for layer, places in samples.others
+            _Sheet(self._framed([layer]), self._framed([places[None]])[0], held.cpu())
+            for (layer, places), held in zip(samples.others, others, strict=True)
         ]
         self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
         self._fringe = None
@@ -127,16 +144,27 @@ class Surface:
             lit: The rectangle of the window that is not zero. It begins at the first row and column
                 of the layer or of the window; samples after its end are set to 0.
         """
-        (layer, shares), *others = (
-            (self._unframed(window, layer), self._lit_shares(places, rungs, window, lit))
-            for layer, places in self._sheets
-        )
-        slices = layer[:, None] * shares
-        for layer, shares in others:
-            slices = slices.addcmul_(layer[:, None], shares)
+        slices = None
+        for sheet in self._sheets_of(rungs, lit):
+            layer = self._unframed(window, sheet.layer)[:, None]
+            shares = self._lit_shares(sheet.places, rungs, window, lit)
+            slices = layer * shares if slices is None else slices.addcmul_(layer, shares)
+        if slices is None:
+            first = self._sheets[0].layer
+            slices = first.new_zeros(len(first), len(rungs), window.height, window.width)
         if self._fringe:
             self._fringe.add(slices, self._layers[rungs.start], rungs.start, window, lit)
         return slices
+
+    def _sheets_of(self, rungs: range, box: Box) -> list[_Sheet]:
+        """The sheets that have pixels of slices in the blocks of a box, the nearest first."""
+        if len(self._sheets) == 1:
+            return self._sheets
+        rows, columns = (
+            slice(max(span.first, 0) // BLOCK, -(-span.end // BLOCK)) for span in box.sides
+        )
+        within = slice(rungs.start, rungs.stop), rows, columns
+        return [sheet for sheet in self._sheets if bool(sheet.blocks[within].any())]
 
     def _lit_shares(self, places: Tensor, rungs: range, window: Box, lit: Box) -> Tensor:
         """Shares [k, height, width] of the pixels of a window in slices; 0 after the end of lit."""
@@ -211,7 +239,7 @@ class Surface:
             tilted: Whether the slice has slopes.
         """
         kinds = 3 if tilted and self._slopes is not None else 1
-        first = self._sheets[0][0]
+        first = self._sheets[0].layer
         result = first.new_zeros(kinds, len(first), *cells[2:])
         for band in self._bands(rung, 1 << halvings, middle):
             pixels = self._slice(rung, band)[None]
@@ -235,9 +263,9 @@ class Surface:
     def _slice(self, rung: int, box: Box) -> Tensor:
         """The pixels [C + 1, h, w] of a slice in a box, without fringe."""
         layer, *others = (
-            self._unframed(box, layer)
-            * membership(self._unframed(box, places), self._ladder[rung : rung + 1])
-            for layer, places in self._sheets
+            self._unframed(box, sheet.layer)
+            * membership(self._unframed(box, sheet.places), self._ladder[rung : rung + 1])
+            for sheet in self._sheets
         )
         return sum(others, layer)
 

@@ -43,6 +43,7 @@ class Layered(NamedTuple):
         coverage: [L, H, W] in [0, 1].
         ends: Least and greatest signed radius in px of what is there.
         open: Whether there are pixels that are not covered fully.
+        deepest: The greatest number of samples in one pixel.
     """
 
     colors: Pixels
@@ -50,6 +51,7 @@ class Layered(NamedTuple):
     coverage: Pixels
     ends: tuple[float, float]
     open: bool
+    deepest: int
 
     @classmethod
     def of(cls, colors: Pixels, signed_radius: Pixels, coverage: Pixels) -> Layered:
@@ -59,14 +61,16 @@ class Layered(NamedTuple):
             ValueError: If coverage is not in [0, 1], or a radius is not within 1e8 px where there
                 is coverage.
         """
-        least, most, is_open = torch.inf, -torch.inf, False
+        least, most, is_open, deepest = torch.inf, -torch.inf, False, 1
         for radius, cover in zip(banded(signed_radius), banded(coverage), strict=True):
             if not bool(((cover >= 0) & (cover <= 1)).all()):
                 raise ValueError(
                     "coverage must be in [0, 1], got other numbers; it is the share of each pixel "
                     "that a layer covers"
                 )
-            present = radius[cover > 0]
+            covered = cover > 0
+            deepest = max(deepest, int(covered.sum(0).amax()))
+            present = radius[covered]
             if not bool((present.abs() <= _MOST_PX).all()):
                 raise ValueError(
                     f"signed_radius must be finite and within {_MOST_PX:g} px where coverage is "
@@ -78,7 +82,7 @@ class Layered(NamedTuple):
         ends = (least, most) if least <= most else (0.0, 0.0)
         if is_open:  # what is not covered is as far as the farthest surface, or in focus
             ends = ends[0], max(ends[1], 0.0)
-        return cls(colors, signed_radius, coverage, ends, is_open)
+        return cls(colors, signed_radius, coverage, ends, is_open, deepest)
 
     @property
     def dtype(self) -> torch.dtype:
@@ -89,7 +93,7 @@ class Layered(NamedTuple):
     @property
     def is_continued(self) -> bool:
         """Whether surfaces are continued where no layer tells how: of one picture, or all over."""
-        return self.number == 1 or not self.open
+        return self.deepest == 1 or not self.open
 
     @property
     def number(self) -> int:
@@ -104,9 +108,9 @@ class Layered(NamedTuple):
     def blurs_alpha(self) -> bool:
         """Whether alpha is a channel of the colours that are blurred: else it is the coverage.
 
-        Of one layer, for what is continued behind its edges may be nothing.
+        Of one sample a pixel, for what is continued behind its edges may be nothing.
         """
-        return self.number == 1
+        return self.deepest == 1
 
     def nearest(self) -> Pixels:
         """The radius [H, W] px of the nearest sample of each pixel."""
@@ -135,7 +139,7 @@ class Layered(NamedTuple):
         there = coverage > 0
         distance = torch.where(there, radius.detach(), torch.inf)
         if bool((distance[1:] < distance[:-1]).any()):
-            order = distance.argsort(dim=0, stable=True)
+            order = _ascending(distance)
             radius = radius.gather(0, order)
             color = color.gather(0, order[:, None].expand_as(color))
         most = max(1, int(there.sum(0).amax()))
@@ -274,6 +278,17 @@ class _RadiiOf(Derived):
         blurred = torch.where(coverage > 0, radii.detach(), 0.0)
         nearest, farthest = blurred.amin(0), blurred.amax(0)
         return torch.where(farthest > -nearest, farthest, nearest)
+
+
+def _ascending(values: Tensor) -> Tensor:
+    """The stable order of values [L, h, w] along L: a sort of few values strides, and is slow."""
+    rank = torch.zeros(values.shape, dtype=torch.long, device=values.device)
+    for k in range(1, len(values)):
+        after = values[:k] <= values[k]
+        rank[k] += after.sum(0)
+        rank[:k] += ~after
+    number = torch.arange(len(values), device=values.device)[:, None, None]
+    return torch.empty_like(rank).scatter_(0, rank, number.expand_as(rank))
 
 
 def _box(rows: tuple[int, int], columns: tuple[int, int]) -> Box:

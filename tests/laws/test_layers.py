@@ -218,3 +218,17 @@ def test_at_the_border_alpha_expects_what_each_sample_of_a_pixel_sees_of_the_fra
     alpha = render_layers(white, radius, coverage).render[-1]
     assert alpha[:40].min() > 0.75
     assert alpha[:40].mean() > 0.99
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_layers_of_one_sample_a_pixel_are_one_picture(is_open: bool) -> None:
+    colors, radius, coverage = scene((-6.0, 4.0))
+    near = disc(30, 40, 12) > 0.5
+    far = ~near if not is_open else ~near & (disc(36, 42, 28) > 0.5)
+    coverage = torch.stack([near, far]).float()
+    colors = coverage[:, None] * colors.clamp(min=0.1)
+    whole = colors.sum(0)[None], torch.where(near, radius[0], radius[1])[None], coverage.sum(0)
+    apart = render_layers(colors, radius, coverage, left_right=True)
+    together = render_layers(whole[0], whole[1], whole[2][None], left_right=True)
+    for one, other in zip(apart.images, together.images, strict=True):
+        assert torch.equal(one, other)
