@@ -7,25 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, read_exr, refused, render, run, write_exr
+from shots import HEIGHT, WIDTH, smooth, still
 
-HEIGHT, WIDTH = 40, 64
 FOCAL = ("--focal-length", "50mm", "--fnumber", "2")
-
-
-def smooth(seed: int = 0) -> np.ndarray[Any, Any]:
-    """Colours [H, W, 3] that change over some px."""
-    coarse = np.random.default_rng(seed).random((HEIGHT // 4, WIDTH // 4, 3))
-    return np.kron(coarse, np.ones((4, 4, 1))).astype(np.float32)
-
-
-def still(folder: Path, frames: int = 10, noise: float = 0.02) -> tuple[Path, Path]:
-    """A shot of a still wall at 3 m whose disparity has noise."""
-    for k in range(frames):
-        rng = np.random.default_rng(k)
-        metres = 1 / (1 / 3 + noise * rng.standard_normal((HEIGHT, WIDTH)))
-        color_exr(folder / f"rgb.{k:04}.exr", smooth())
-        depth_exr(folder / f"z.{k:04}.exr", metres.astype(np.float32))
-    return folder / "rgb.####.exr", folder / "z.####.exr"
 
 
 def pictures(out: Path, frames: int) -> np.ndarray[Any, Any]:
