@@ -1,4 +1,4 @@
-"""Small shots: numbered frames whose depth is noisy, so that they decide together and see others."""
+"""Small shots: frames whose depth is noisy, so that they decide together and see others."""
 
 from pathlib import Path
 from typing import Any
