@@ -19,7 +19,8 @@ from defocus_cli.system.errors import UsageProblem
 
 KEYS = ("steady", "focus-smooth", "motion")
 _SAMPLE = 5  # frames that decide for the shot
-_WINDOW = 9  # frames whose depth is averaged: noise falls to a third
+AVERAGED = 9  # frames whose depth is averaged: noise falls to a third
+_LOOKED_AT = 13  # frames that may show what one of them hides
 LONGEST_SMOOTH = 1001
 
 
@@ -109,7 +110,8 @@ def with_shot(
             focus = tuple(Taken(every[k], lens_of(every[k], job.suffix)) for k in averaged)
         repairs = steady and job.reading.depth_repair != "off"
         decides = repairs or (steady and _is_found(job) and not focus)
-        neighbours = window_of(len(every), place, _WINDOW) if repairs or together.motion else ()
+        around = _LOOKED_AT if together.motion else AVERAGED if repairs else 0
+        neighbours = window_of(len(every), place, around) if around else ()
         made = Shot(
             sample=sample(job.suffix) if decides else (),
             window=tuple(every[k] for k in neighbours),

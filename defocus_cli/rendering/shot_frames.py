@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_cli.depth.focusing import radius_map
 from defocus_cli.jobs.job import Job
+from defocus_cli.jobs.shots import AVERAGED
 from defocus_cli.lenses.lens import Lens
 from defocus_cli.rendering.memory_budget import capacity_mb
 from defocus_cli.rendering.outcome import Loaded, Outcome
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 # change of radius in px, from a frame to the next, of one surface; most frames that are kept.
 _BESIDE, _SHARE, _STEP, _MOST_KEPT = 4, 0.1, 0.5, 40
 _FEWEST = 2  # frames of a window that has neighbours
+# Distances in frames of the neighbours that may show what is hidden: in a moving shot the nearest
+# show it best, and each farther one shows more; of those between there is little more to see.
+_DISTANCES = frozenset({1, 3, 6, 10})
 
 
 def with_neighbours(
@@ -58,7 +62,8 @@ def with_neighbours(
     neighbours = Neighbours(job, loaded, outcome.lens, read)
     if repair is not None and repair.noise is not None:
         radius = neighbours.quiet_radius(radius, repair.noise)
-        note = f"averaged over {len(job.shot.window)} frames where the scene is still"
+        count = min(len(job.shot.window), AVERAGED)
+        note = f"averaged over {count} frames where the scene is still"
         outcome = replace(outcome, shot_note=f"{note}, {outcome.shot_note}")
     if job.shot.motion is not None:
         seen = neighbours.hidden(radius)
@@ -96,10 +101,11 @@ class Neighbours:
 
         averaged = self._loaded.holding.keeping.new(radius.shape, "float32")
         own = self._loaded.color
-        others = [(self._files(place), self._radius(place)) for place in self._order]
+        order = self._order[: AVERAGED - 1]
+        others = [(self._files(place), self._radius(place)) for place in order]
         moved, parts = None, bands(radius.shape)
         if self._shot.motion is not None:
-            moved = [self._path(self._place, place) for place in self._order]
+            moved = [self._path(self._place, place) for place in order]
             parts = [slice(0, radius.shape[0])]
         for rows in parts:
             top = max(rows.start - _BESIDE, 0)
@@ -124,18 +130,20 @@ class Neighbours:
         """What the neighbours have seen behind the surfaces of radii [H, W] px."""
         import torch
 
-        from defocus_core import seen_behind
+        from defocus_core import Frame, seen_behind
 
-        channels = len(self._loaded.color.planes)
-        return seen_behind(torch.from_numpy(radius[:]), self._moved(), channels)
+        image = _image(self._loaded.color, slice(None))
+        return seen_behind(Frame(image, torch.from_numpy(radius[:])), self._moved())
 
     def _moved(self) -> Iterator[Frame]:
-        """The neighbours, the closest first, with the motion to the frame."""
+        """The neighbours that are looked at, the closest first, with the motion to the frame."""
         import torch
 
         from defocus_core import Frame
 
         for place in self._order:
+            if abs(place - self._place) not in _DISTANCES:
+                continue
             image = _image(self._files(place)[0], slice(None))
             motion = self._path(place, self._place)
             yield Frame(image, torch.from_numpy(self._radius(place)[:]), motion)

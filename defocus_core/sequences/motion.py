@@ -8,9 +8,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-# Degree of the polynomial of radii; pixels that it is fitted to, at most; rounds; distance from it
-# in medians, and in px at least, of pixels that both frames show; weight of no change.
-_DEGREE, _SAMPLE, _ROUNDS, _CLOSE, _LEAST, _RIDGE = 2, 1 << 16, 4, 4.0, 0.05, 1e-6
+# Pixels whose change of radius is looked at, at most; ranges of radii; fewest pixels of a range.
+_SAMPLE, _RANGES, _FEWEST = 1 << 16, 48, 32
+# Greatest difference of the colours of a surface in two frames, as a share of its brightness, and
+# besides.
+_COLOR, _DARK = 0.03, 0.001
 
 
 class Frame(NamedTuple):
@@ -66,37 +68,51 @@ def chained(motions: Sequence[Tensor], radii: Sequence[Tensor], step: float) -> 
     return total
 
 
-def approached(radius: Tensor, there: Tensor) -> tuple[Tensor, float]:
+def approached(radius: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
     """Radii of a neighbour as they would be in the frame, if the camera has moved.
 
-    A camera that comes nearer by e makes disparity d to d + e d² + …: a polynomial of the radius is
-    fitted to the pixels that both frames show, which are most of them.
+    The nearer a surface, the more its disparity changes. The change of each range of radii is the
+    median over its pixels, most of which both frames show; between the ranges it is interpolated.
+    A curve through all pixels would follow the background, and lose the near surfaces.
 
     Args:
         radius: [n] px of the neighbour.
-        there: [n] px of the frame, where the motion leads.
+        there: [n] px of the frame, where the motion leads; NaN where it leads to no such surface.
 
     Returns:
-        [n] px, and the median distance in px of pixels that both show from the polynomial.
+        [n] px, and [n] px, the median distance of pixels of such a radius from these.
     """
     whole = (radius.isfinite() & there.isfinite()).nonzero()[:, 0]
     sample = whole[:: max(1, len(whole) // _SAMPLE)]
-    if len(sample) <= _DEGREE:
-        return radius, 0.0
-    x, y = radius[sample].double(), there[sample].double()
-    middle, scale = x.mean(), x.std().clamp(min=1e-6)
-    powers = ((x - middle) / scale)[:, None] ** torch.arange(_DEGREE + 1, device=x.device)
-    off, change = y - x, torch.zeros_like(x)
-    coefficients = x.new_zeros(_DEGREE + 1)
-    for _ in range(_ROUNDS):
-        distance = (off - change).abs()
-        close = distance <= (_CLOSE * distance.median()).clamp(min=_LEAST)
-        gram = powers[close].mT @ powers[close]
-        gram += _RIDGE * len(x) * torch.eye(_DEGREE + 1, dtype=x.dtype, device=x.device)
-        coefficients = torch.linalg.solve(gram, powers[close].mT @ off[close])
-        change = powers @ coefficients
-    spread = float((off - change).abs().median())
-    every = ((radius.double() - middle) / scale)[:, None] ** torch.arange(
-        _DEGREE + 1, device=x.device
-    )
-    return radius + (every @ coefficients).to(radius.dtype), spread
+    x, off = radius[sample], (there - radius)[sample]
+    if not len(x):
+        return radius, torch.zeros_like(radius)
+    x, order = x.sort()
+    shares = torch.linspace(0, 1, _RANGES + 1, dtype=x.dtype, device=x.device)
+    ends = torch.searchsorted(x, torch.lerp(x[0], x[-1], shares[1:-1]), right=True).tolist()
+    knots, start = [], 0
+    for end in [*ends, len(x)]:
+        if end - start < _FEWEST and (end < len(x) or end == start):
+            continue  # together with the next range
+        of_range = off[order[start:end]]
+        change = of_range.median()
+        knots.append(torch.stack([x[start:end].mean(), change, (of_range - change).abs().median()]))
+        start = end
+    place, change, spread = torch.stack(knots, 1)
+    return radius + _interpolated(radius, place, change), _interpolated(radius, place, spread)
+
+
+def alike(color: Tensor, other: Tensor) -> Tensor:
+    """Whether colours [C, ...] may be of one surface, in two frames."""
+    brightness = other.abs().mean(0)
+    return (color - other).abs().amax(0) <= _COLOR * brightness + _DARK
+
+
+def _interpolated(x: Tensor, knots: Tensor, values: Tensor) -> Tensor:
+    """Values [k] at ascending knots [k], read at x [n]; beyond the ends those of the ends."""
+    if len(knots) == 1:
+        return values.expand_as(x)
+    before = torch.searchsorted(knots, x.contiguous()).clamp(1, len(knots) - 1) - 1
+    width = (knots[before + 1] - knots[before]).clamp(min=torch.finfo(x.dtype).tiny)
+    share = ((x - knots[before]) / width).clamp(0, 1)
+    return torch.lerp(values[before], values[before + 1], share)

@@ -2,7 +2,8 @@
 
 Each pixel of a neighbour is moved to where its surface is in the frame. Where the frame shows a
 nearer surface there, the neighbour has seen what is hidden; of several such surfaces the nearest is
-the next one behind.
+the next one behind. Of several neighbours the closest in time tells, for errors of motion and of
+depth grow with the distance.
 """
 
 from __future__ import annotations
@@ -15,60 +16,58 @@ from torch import Tensor
 from defocus_core.images.neighbourhoods import extreme_around
 from defocus_core.inpainting.disocclusion import STEP
 from defocus_core.inpainting.hidden_layers import HiddenLayer
-from defocus_core.sequences.motion import Frame, approached, nearest_pixels, places
+from defocus_core.sequences.motion import Frame, alike, approached, nearest_pixels, places
 
 # Greatest change of radius of a surface that both frames show, in medians of what it should be.
 _SPREADS = 4.0
 
 
-def seen_behind(signed_radius: Tensor, neighbours: Iterable[Frame], channels: int) -> HiddenLayer:
+def seen_behind(frame: Frame, neighbours: Iterable[Frame]) -> HiddenLayer:
     """What neighbours have seen behind the surfaces of a frame.
 
     Args:
-        signed_radius: [H, W] px of the frame.
+        frame: The frame; its motion is not used.
         neighbours: Frames close in time, the closest first, each with its radii through the lens
             of the frame and with the motion from it to the frame.
-        channels: Number of channels of the colours.
     """
-    H, W = signed_radius.shape
-    color = signed_radius.new_zeros(channels, H * W)
-    radius = torch.full_like(signed_radius, torch.inf).flatten()
+    H, W = frame.signed_radius.shape
+    color = frame.signed_radius.new_zeros(len(frame.image), H * W)
+    radius = frame.signed_radius.flatten().clone()
+    known = torch.zeros_like(radius, dtype=torch.bool)
     for neighbour in neighbours:
-        index, source, behind = _revealed(signed_radius, neighbour, radius)
-        radius[index] = behind
+        index, source, behind = _revealed(frame, neighbour, ~known)
+        radius[index], known[index] = behind, True
         color[:, index] = neighbour.image.flatten(1)[:, source].to(color.dtype)
-    known = torch.isfinite(radius)
-    radius = torch.where(known, radius, signed_radius.flatten())
     return HiddenLayer(color.view(-1, H, W), radius.view(H, W), known.view(H, W))
 
 
-def _revealed(
-    signed_radius: Tensor, neighbour: Frame, held: Tensor
-) -> tuple[Tensor, Tensor, Tensor]:
+def _revealed(frame: Frame, neighbour: Frame, unknown: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Pixels of the frame for which a neighbour has the next surface, and its pixels.
 
     Args:
-        signed_radius: [H, W] px of the frame.
+        frame: The frame.
         neighbour: The neighbour, with the motion to the frame.
-        held: [H * W] px of the hidden surface that is known already, infinity for none.
+        unknown: [H * W], pixels of whose hidden surface nothing is known yet.
 
     Returns:
         [n] numbers of pixels of the frame, [n] of the neighbour, and [n] px, the radii of these.
     """
     assert neighbour.motion is not None
-    H, W = signed_radius.shape
-    radius = neighbour.signed_radius
+    own, radius = frame.signed_radius.flatten(), neighbour.signed_radius
+    H, W = radius.shape
     # a pixel beside a nearer surface holds a part of its colour
     whole = extreme_around(radius, 1, torch.minimum) > radius - STEP
     at = (places((H, W), neighbour.motion) + neighbour.motion).flatten(1)
     source = torch.nonzero(whole.flatten() & at.isfinite().all(0))[:, 0]
     at = at[:, source]
     nearest, inside = nearest_pixels(at, (H, W))
-    there = torch.where(inside, signed_radius.flatten()[nearest], torch.nan)
+    color = neighbour.image.flatten(1)[:, source]
+    same = inside & alike(color, frame.image.flatten(1)[:, nearest])
+    there = torch.where(same, own[nearest], torch.nan)
     behind, spread = approached(radius.flatten()[source].to(there.dtype), there)
-    moved = torch.full_like(signed_radius, torch.inf).flatten()
+    moved = torch.full_like(own, torch.inf)
     moved[source] = behind
-    step = STEP + _SPREADS * spread
+    steps = STEP + _SPREADS * spread
     targets, sources, distances = [], [], []
     for down in (0, 1):
         for across in (0, 1):
@@ -76,8 +75,8 @@ def _revealed(
             inside = (column >= 0) & (column < W) & (row >= 0) & (row < H)
             inside &= (column - at[0] < 1) & (row - at[1] < 1)
             target = (row * W + column).where(inside, torch.zeros_like(row)).long()
-            farther = inside & (behind > signed_radius.flatten()[target] + step)
-            farther &= behind < held[target] - step
+            farther = inside & (behind > own[target] + steps)
+            farther &= unknown[target]
             targets.append(target[farther])
             sources.append(source[farther])
             distance = (at[0] - column).square() + (at[1] - row).square()

@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from defocus_core.sequences.motion import Frame, approached, nearest_pixels, places
+from defocus_core.sequences.motion import Frame, alike, approached, nearest_pixels, places
 
-# Distance in px around a pixel that is compared; greatest difference of its mean colour, as a share
-# of its brightness and besides; of its mean radius and of its own, in deviations.
-_BY, _COLOR, _DARK, _MEAN, _OWN = 2, 0.03, 0.001, 4.0, 4.0
+# Distance in px around a pixel that is compared; greatest difference of its mean radius and of its
+# own, in deviations.
+_BY, _MEAN, _OWN = 2, 4.0, 4.0
 
 
 def temporal_mean(frame: Frame, neighbours: Iterable[Frame], noise: float) -> tuple[Tensor, Tensor]:
@@ -37,11 +37,10 @@ def temporal_mean(frame: Frame, neighbours: Iterable[Frame], noise: float) -> tu
     total, count = torch.zeros_like(radius), torch.ones_like(radius)
     side = 2 * _BY + 1
     mean_limit, own_limit = (k * math.sqrt(2) * noise for k in (_MEAN / side, _OWN))
-    brightness = _around(frame.image.abs().mean(0))
+    color = _around(frame.image)
     for neighbour in neighbours:
-        image, other, inside = _fetched(neighbour, radius)
-        change = (_around(image - frame.image)).abs().amax(0)
-        still = (change <= _COLOR * brightness + _DARK) & inside
+        image, other, inside = _fetched(neighbour, frame)
+        still = alike(_around(image), color) & inside
         off = other - radius
         still &= off.abs() <= own_limit
         near = torch.where(off.abs() <= own_limit, off, 0.0)
@@ -51,15 +50,18 @@ def temporal_mean(frame: Frame, neighbours: Iterable[Frame], noise: float) -> tu
     return radius + total / count, count
 
 
-def _fetched(neighbour: Frame, own: Tensor) -> tuple[Tensor, Tensor, Tensor | bool]:
-    """Colours and radii of a neighbour where the surfaces of the frame, [H, W] px, are in it."""
+def _fetched(neighbour: Frame, frame: Frame) -> tuple[Tensor, Tensor, Tensor | bool]:
+    """Colours and radii of a neighbour where the surfaces of the frame are in it."""
     image, radius, motion = neighbour
     if motion is None:
         return image, radius, True
     size = radius.shape[0], radius.shape[1]
     index, inside = nearest_pixels(places(size, motion) + motion, size)
-    other, _ = approached(radius.flatten()[index.flatten()], own.flatten())
-    return image.flatten(1)[:, index], other.view(size), inside
+    color = image.flatten(1)[:, index]
+    same = inside & alike(color, frame.image)
+    there = torch.where(same, frame.signed_radius, torch.nan)
+    other, _ = approached(radius.flatten()[index.flatten()], there.flatten())
+    return color, other.view(size), inside
 
 
 def _around(values: Tensor) -> Tensor:

@@ -7,25 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, read_exr, refused, render, run, write_exr
+from shots import HEIGHT, WIDTH, smooth, still
 
-HEIGHT, WIDTH = 40, 64
 FOCAL = ("--focal-length", "50mm", "--fnumber", "2")
-
-
-def smooth(seed: int = 0) -> np.ndarray[Any, Any]:
-    """Colours [H, W, 3] that change over some px."""
-    coarse = np.random.default_rng(seed).random((HEIGHT // 4, WIDTH // 4, 3))
-    return np.kron(coarse, np.ones((4, 4, 1))).astype(np.float32)
-
-
-def still(folder: Path, frames: int = 10, noise: float = 0.02) -> tuple[Path, Path]:
-    """A shot of a still wall at 3 m whose disparity has noise."""
-    for k in range(frames):
-        rng = np.random.default_rng(k)
-        metres = 1 / (1 / 3 + noise * rng.standard_normal((HEIGHT, WIDTH)))
-        color_exr(folder / f"rgb.{k:04}.exr", smooth())
-        depth_exr(folder / f"z.{k:04}.exr", metres.astype(np.float32))
-    return folder / "rgb.####.exr", folder / "z.####.exr"
 
 
 def pictures(out: Path, frames: int) -> np.ndarray[Any, Any]:
@@ -126,15 +110,17 @@ def test_what_has_no_effect_is_refused(tmp_path: Path) -> None:
         refused(render(*files, "-o", tmp_path / "out", *words), 2, words[0].replace("no-", ""))
 
 
-def passing_card(folder: Path, layer: str) -> tuple[Path, Path]:
-    """A near card that moves by 6 px to the right in each frame, before a still wall."""
+def passing_card(
+    folder: Path, layer: str, frames: int = 4, step: int = 6, wide: int = 12
+) -> tuple[Path, Path]:
+    """A near card that moves to the right by some px in each frame, before a still wall."""
     wall = smooth(3)
-    for k in range(4):
+    for k in range(frames):
         pixels, metres = wall.copy(), np.full((HEIGHT, WIDTH), 2.0, np.float32)
-        card = (slice(10, 30), slice(16 + 6 * k, 28 + 6 * k))
+        card = (slice(10, 30), slice(16 + step * k, 16 + wide + step * k))
         pixels[card], metres[card] = 0.5, 0.4
         x = np.zeros((HEIGHT, WIDTH), np.float32)
-        x[card] = 6.0
+        x[card] = step
         zero = np.zeros_like(x)
         vectors = {"forward.u": x, "forward.v": zero, "backward.u": -x, "backward.v": zero}
         if layer != "forward":
@@ -167,6 +153,21 @@ def test_what_another_frame_has_seen_is_not_invented(tmp_path: Path, layer: str)
     assert doubtful.sum() > 20
     assert trust["with"][doubtful].mean() > trust["without"][doubtful].mean() + 0.1
     assert errors["with"][doubtful].mean() < 0.4 * errors["without"][doubtful].mean()
+
+
+def test_what_only_frames_farther_in_time_show_is_taken_from_them(tmp_path: Path) -> None:
+    color, depth = passing_card(tmp_path, "forward", frames=13, step=2, wide=24)
+    lens = ("--focal-length", "50mm", "--fnumber", "0.7", "--focus", "2m", "--motion", "forward")
+    words = ("--outputs", "trust", "--overwrite", "-o", tmp_path / "out")
+    trust = []
+    for _ in range(2):
+        assert run("render", color, depth, *lens, *words, "--frames", "6").code == 0
+        trust.append(read_exr(tmp_path / "out" / "trust" / "rgb.0006.exr")["trust"])
+        for frame in (0, 1, 11, 12):  # what is 8 to 12 px behind the edge is 5 frames away
+            for file in (color, depth):
+                (tmp_path / file.name.replace("####", f"{frame:04}")).unlink(missing_ok=True)
+    middle = (slice(14, 26), slice(36, 44))
+    assert trust[0][middle].mean() > trust[1][middle].mean() + 0.01
 
 
 def test_vectors_that_are_not_there_are_asked_for(tmp_path: Path) -> None:

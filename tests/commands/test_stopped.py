@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 from batches import contents, records
-from command_line import LENS, pair, render
+from command_line import LENS, pair, render, run
+from shots import pull
 
 HERE = Path(__file__).parents[1] / "support"
 COMMAND = "from defocus_cli.__main__ import run; run()"
@@ -38,6 +39,21 @@ def test_killed_runs_come_to_the_same_end(folders: tuple[Path, Path], tmp_path: 
     assert contents(out) == contents(tmp_path / "whole")
     names = [record["sample_id"] for record in records(out)]
     assert sorted(names) == [f"{number:02}" for number in range(16)], "none is done twice"
+
+
+def test_a_shot_that_is_killed_comes_to_the_same_end(tmp_path: Path) -> None:
+    """Frames that decide together and average each other's depth, with another lens each."""
+    jobs = pull(tmp_path)
+    render_batch = ("batch", jobs, "-o")
+    assert run(*render_batch, tmp_path / "whole").code == 0
+    out = tmp_path / "killed"
+    journal, words = out / "journal.jsonl", [*render_batch, out]
+    runner = [sys.executable, HERE / "killed_runs.py", "5", "6", journal, "--", *words]
+    told = json.loads(subprocess.run(runner, capture_output=True, check=True).stdout)
+    assert told["killed"] >= 2
+    assert (told["lies"], told["code"]) == (0, 0)
+    assert contents(out) == contents(tmp_path / "whole")
+    assert sorted(each["sample_id"] for each in records(out)) == [f"rgb.{k:04}" for k in range(10)]
 
 
 def started(*args: object, slow: float, step: str = "job_steps.compute") -> subprocess.Popen[str]:

@@ -12,6 +12,7 @@ import pytest
 from batches import contents, in_process, jobs_file, without_times
 from command_line import refused, run
 from jobs_files import chunks_of
+from shots import pull
 
 from defocus_cli.batch import dask_pool
 from defocus_cli.system.errors import InputError
@@ -125,10 +126,11 @@ def test_a_scheduler_that_does_not_answer_is_told_of(
     refused(ran, 3, "tcp://127.0.0.1:9: no Dask scheduler answers", "start one")
 
 
+@pytest.mark.parametrize("made", [jobs_file, pull], ids=["pictures", "shot"])
 def test_dask_makes_the_same_bytes_and_the_same_journal(
-    tmp_path: Path, out: Path, request: pytest.FixtureRequest
+    made: Callable[[Path], Path], tmp_path: Path, out: Path, request: pytest.FixtureRequest
 ) -> None:
-    path = jobs_file(tmp_path)
+    path = made(tmp_path)
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(
         host="127.0.0.1", protocol="tcp", processes=False, silence_logs=50, **options

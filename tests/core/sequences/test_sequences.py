@@ -120,7 +120,7 @@ def test_a_neighbour_shows_what_a_card_hides() -> None:
     later[6:18, 14:22] = -4.0  # the card has moved by 6 px, the wall has not
     motion = torch.zeros(2, *SIZE)
     motion[0, 6:18, 14:22] = -6.0
-    hidden = seen_behind(seen, [Frame(wall, later, motion)], 3)
+    hidden = seen_behind(Frame(wall, seen), [Frame(wall, later, motion)])
     expected = torch.zeros(SIZE, dtype=torch.bool)
     expected[6:18, 8:13] = True  # but for the pixels beside the card, which may hold its colour
     assert torch.equal(hidden.mask, expected)
@@ -131,7 +131,8 @@ def test_a_neighbour_shows_what_a_card_hides() -> None:
 def test_what_was_seen_counts_as_seen() -> None:
     wall, radius = texture(), torch.zeros(SIZE)
     radius[6:18, 8:24] = -6.0
-    hidden = seen_behind(radius, [Frame(wall, torch.zeros(SIZE), torch.zeros(2, *SIZE))], 3)
+    still = torch.zeros(2, *SIZE)
+    hidden = seen_behind(Frame(wall, radius), [Frame(wall, torch.zeros(SIZE), still)])
     inner = (..., slice(8, 16), slice(8, 24))  # no light from beyond the frame
     without, with_it = render(wall, radius), render(wall, radius, hidden=hidden)
     assert without.trust[inner].min() < 0.9
@@ -143,16 +144,39 @@ def test_places_are_columns_and_rows() -> None:
     assert at[:, 5, 7].tolist() == [7, 5]
 
 
-def test_depth_that_comes_nearer_is_followed_by_its_polynomial() -> None:
+def test_depth_that_comes_nearer_is_followed() -> None:
     disparity = torch.linspace(0.1, 1.0, 400)
     nearer = disparity / (1 - 0.05 * disparity)  # by 0.05 along the axis
     there = (20 * (0.4 - nearer)).where(torch.arange(400) % 5 > 0, torch.tensor(9.0))
     radius, spread = approached(20 * (0.4 - disparity), there)
-    assert (radius - 20 * (0.4 - nearer)).abs().max() < 0.02
-    assert spread < 0.02
+    inner = slice(8, -8)  # the ends have the change of the first and of the last range
+    assert (radius - 20 * (0.4 - nearer))[inner].abs().max() < 0.06
+    assert spread.max() < 0.05
+
+
+def test_near_surfaces_are_followed_though_the_background_is_most_of_the_picture() -> None:
+    disparity = torch.cat([torch.full((4000,), 0.1), torch.full((100,), 1.5)])
+    nearer = disparity / (1 - 0.04 * disparity)
+    radius, spread = approached(-10 * disparity, -10 * nearer)
+    assert (radius + 10 * nearer).abs().max() < 1e-5
+    assert spread.max() < 1e-5
+
+
+def test_of_two_neighbours_the_closest_tells_what_is_hidden() -> None:
+    radius = torch.full(SIZE, 6.0)
+    radius[6:18, 8:16] = -4.0
+    still = torch.zeros(2, *SIZE)
+    wall = Frame(torch.full((3, *SIZE), 0.2), torch.full(SIZE, 6.0), still)
+    other = torch.full(SIZE, 6.0)
+    other[6:18, 8:16] = 1.0
+    sign = Frame(torch.where(other == 6, 0.2, 0.9).expand(3, *SIZE), other, still)
+    frame = Frame(torch.where(radius == 6, 0.2, 0.5).expand(3, *SIZE), radius)
+    hidden = seen_behind(frame, [wall, sign])
+    assert (hidden.color[:, hidden.mask] == 0.2).all()
+    assert (seen_behind(frame, [sign, wall]).color[:, 8:16, 10:14] == 0.9).all()
 
 
 def test_a_surface_that_was_farther_before_is_not_hidden_by_itself() -> None:
     slope = torch.linspace(-6, 6, SIZE[1]).expand(SIZE).contiguous()
     before = Frame(texture(), slope + 0.8, torch.zeros(2, *SIZE))
-    assert not seen_behind(slope, [before], 3).mask.any()
+    assert not seen_behind(Frame(texture(), slope), [before]).mask.any()
