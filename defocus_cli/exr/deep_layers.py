@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.exr.deep_merging import merged
@@ -99,7 +100,7 @@ def deep_layers(
     for strip in strips(path, header, last=True):
         strip, count = merged(strip, (*names, ALPHA))
         crowded += count
-        while len(layers) < strip.most:
+        while len(layers) < max(1, strip.most):
             layers.append(
                 {
                     name: keeping.new(
@@ -123,8 +124,8 @@ def _shares(strip: Strip) -> NDArray[Any]:
     left = np.ones(strip.window.height * strip.window.width)
     shares = np.ones(len(strip.rank))
     by_rank = np.argsort(strip.rank, kind="stable")
-    ends = np.cumsum(np.bincount(strip.rank)) if len(strip.rank) else ()
-    for first, end in zip((0, *ends[:-1]), ends, strict=True):
+    ends = np.cumsum(np.bincount(strip.rank)).tolist()
+    for first, end in pairwise((0, *ends)):
         chosen = by_rank[first:end]
         at = strip.pixel[chosen]
         shares[chosen] = left[at]

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from defocus_cli.exr.header import Header
+    from defocus_cli.exr.header import Channel, Header
 
 HELD_BYTES = 1 << 27
 _held: dict[object, list[Strip]] = {}
-ALPHA, DEPTH, BACK = "A", "Z", "ZBack"
+ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
 _ROWS, _PIXELS = 16, 1 << 16  # decoded at once
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
@@ -35,7 +35,7 @@ class Strip(NamedTuple):
         window: of the rows.
         pixel: [N] number of the pixel of each sample in the window.
         rank: [N] number of the sample in its pixel, 0 is the nearest.
-        values: [N] by channel.
+        values: [N] by channel; coverage and depth of a view by their plain names, too.
     """
 
     window: Window
@@ -125,7 +125,7 @@ def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]
     Raises:
         InputError: the file cannot be decoded, or alpha is no coverage.
     """
-    key = path, header.index, _version(path)
+    key = path, header, _version(path)
     held = _held.pop(key, None)
     if held is None:
         held, size = [], 0
@@ -153,26 +153,24 @@ def _decoded(path: Path, header: Header) -> Iterator[Strip]:
     """The samples of a deep part, decoded some rows at a time."""
     with opened(path, header) as file:
         spec, (x0, y0, x1, y1) = file.spec(), header.data
-        names = {channel.name: channel.type for channel in header.channels}
+        count, channels = spec.nchannels, {channel.name: channel for channel in header.channels}
         step = spec.tile_height or max(_ROWS, _PIXELS // spec.width // _ROWS * _ROWS)
         for top in range(y0, y1 + 1, step):
             end = min(top + step, y1 + 1)
             rows = (header.index, 0, top, end)
             data = (
-                file.read_native_deep_tiles(
-                    header.index, 0, x0, x1 + 1, top, end, 0, 1, 0, len(names)
-                )
+                file.read_native_deep_tiles(header.index, 0, x0, x1 + 1, top, end, 0, 1, 0, count)
                 if spec.tile_width
-                else file.read_native_deep_scanlines(*rows, 0, 0, len(names))
+                else file.read_native_deep_scanlines(*rows, 0, 0, count)
             )
             if data is None or file.has_error:
                 raise damaged(path, first_line(path, file.geterror()))
             window = Window(x0, top, x1, end - 1)
-            yield _strip(path, data, window, names)
+            yield _strip(path, data, window, channels)
 
 
-def _strip(path: Path, data: Any, window: Window, names: Mapping[str, str]) -> Strip:
-    """Some decoded rows: their samples, sorted."""
+def _strip(path: Path, data: Any, window: Window, channels: Mapping[str, Channel]) -> Strip:
+    """Some decoded rows: their samples, sorted; of another view's channels nothing."""
     import numpy as np
 
     size = window.width * window.height
@@ -183,10 +181,13 @@ def _strip(path: Path, data: Any, window: Window, names: Mapping[str, str]) -> S
     rank = rank.astype(np.int32)
     values: dict[str, NDArray[Any]] = {}
     for index in range(data.channels):
-        name = data.channelname(index)
-        is_whole = names[name] == "uint"
+        channel = channels.get(data.channelname(index))
+        if channel is None:
+            continue
+        is_whole = channel.type == "uint"
         value = data.deep_value_uint if is_whole else data.deep_value
         numbers = (value(p, index, k) for p, k in pairs)
+        name = channel.plain if channel.plain in _OF_LAYERS else channel.name
         values[name] = np.fromiter(numbers, "u4" if is_whole else "f4", len(pairs))
     _check_alpha(path, values)
     if BACK in values and DEPTH in values:
@@ -194,6 +195,8 @@ def _strip(path: Path, data: Any, window: Window, names: Mapping[str, str]) -> S
     if DEPTH in values:
         order = np.lexsort((np.nan_to_num(values[DEPTH], nan=np.inf, posinf=np.inf), pixel))
         values = {name: each[order] for name, each in values.items()}
+    for name, channel in channels.items():  # of a view
+        values[name] = values[channel.plain if channel.plain in _OF_LAYERS else name]
     return Strip(window, pixel, rank, values)
 
 

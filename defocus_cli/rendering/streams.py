@@ -216,7 +216,7 @@ class Streams:
             radii = [radius_map(lens, d, keeping)[0] for d in layers.depths]
             lights: list[Pixels] = [Windows(light, device) for light in layers.light]
             known = layered(lights, layers, [times(r, self._longer) for r in radii], device)
-            if known.number == 1 and not known.open:
+            if known.deepest == 1 and not known.open:
                 return None
             lights, self.lights = lit(lights, layers.colors, lens)
             return known._replace(colors=LayerWindows(lights)), None

@@ -292,3 +292,39 @@ def test_damaged_deep_data_is_refused_or_read_but_never_crashes(tmp_path: Path, 
             told.append(error.format_message())
     assert len(told) > 5
     assert all(str(file) in line for line in told)
+
+
+def test_rows_without_samples_are_nothing(tmp_path: Path) -> None:
+    color, depth, coverage = layers(0.8, 2.0, 6.0)
+    coverage[:, 16:] = 0
+    file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage), tile=16)
+    assert render(file, "-o", tmp_path / "b", *LENS).code == 0
+    assert float(picture(tmp_path / "b/render/a.exr")[-1, -4:].max()) == 0
+    coverage[:] = 0
+    file = write_deep_samples(tmp_path / "none.exr", from_layers(color, depth, coverage))
+    assert render(file, "-o", tmp_path / "c", *LENS).code == 0
+    assert float(picture(tmp_path / "c/render/none.exr").abs().max()) == 0
+
+
+@pytest.mark.parametrize("view", ["left", "right"])
+def test_a_deep_picture_of_two_views_in_one_part_renders_each(tmp_path: Path, view: str) -> None:
+    """Both views have as many samples in a pixel: those of one part share their numbers."""
+    made = {"left": layers(2.0, 4.0), "right": layers(1.5, 3.0)}
+    samples = {each: from_layers(*made[each]) for each in made}
+    both = [
+        [
+            [
+                {f"{each}.{n}": v for each in made for n, v in samples[each][y][x][k].items()}
+                for k in range(len(samples["left"][y][x]))
+            ]
+            for x in range(SIZE[1])
+        ]
+        for y in range(SIZE[0])
+    ]
+    names = [f"{each}.{name}" for each in made for name in "RGBAZ"]
+    deep = write_deep_samples(tmp_path / "deep.exr", both, names, light="float")
+    own = write_deep_samples(tmp_path / "alone.exr", samples[view], light="float")
+    assert render(deep, "-o", tmp_path / "a", "--view", view, *LENS).code == 0
+    assert render(own, "-o", tmp_path / "b", *LENS).code == 0
+    of_both, alone = tmp_path / "a/render/deep.exr", tmp_path / "b/render/alone.exr"
+    assert torch.equal(picture(of_both), picture(alone))
