@@ -22,6 +22,8 @@ from defocus_core.images.box import Box
 _NEGLIGIBLE = 0.05
 # Share of the aperture that is too small to see anything through.
 _LEAST_ROOM = 1e-4
+# Gap beside what a near surface covers, as a share of this, that is an error of what it hides.
+_ERROR = 0.2
 
 
 class Aside(NamedTuple):
@@ -111,11 +113,31 @@ class Fronts:
         for front, own, most in zip(aside.fronts, near, self._full, strict=True):
             full = torch.as_tensor(most).to(front)
             # where these cover all, nothing is seen behind: as if it were full
-            ends = front[:, -1:] > full - _LEAST_ROOM
+            ends = own > full - _LEAST_ROOM
             covered = torch.where(ends, full, front[:, -1:] - own)
             aside.covered.append(covered)
             self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
         return aside
+
+    def close_gaps(self, aside: Aside) -> None:
+        """Close gaps that are small beside what the surfaces that were set aside cover.
+
+        What these hide is continued at half the resolution: with what is visible of the same
+        surface it may not quite cover all, and a bright sky behind both must not show.
+        """
+        for group, covered in enumerate(aside.covered):
+            front = self.by_group[group]
+            room = (self._full[group] - covered).clamp(min=_LEAST_ROOM)
+            gap = (self._full[group] - front[:, -1:]).clamp(min=0)
+            near = (aside.fronts[group][:, -1:] - covered).clamp(min=0)
+            error = _ERROR * near + torch.finfo(near.dtype).tiny
+            kept = gap * (gap / error - 1).clamp(0, 1)
+            added = gap - kept
+            larger = 1 + added / (room - gap).clamp(min=_LEAST_ROOM)
+            color, coverage = front.tensor_split([-1], 1)
+            self.by_group[group] = torch.cat([color * larger, coverage + added], 1)
+            if group == 0 and self.invented is not None:
+                self.invented = self.invented * larger[:, 0]
 
     def put_together(self, aside: Aside) -> None:
         """Put the surfaces that were set aside before those composited since."""

@@ -59,12 +59,22 @@ def add_in_order(
     covered = fronts.coverage() if near and (hidden or max(numbers) >= turns.beyond) else None
     show({number for number in numbers - near if number < turns.beyond})
     fill(0)
-    aside = None if covered is None else fronts.set_aside(covered)
+    aside = None
+    if covered is not None:
+        before = fronts.coverage()
+        for octave in sorted(octave for octave in turns.ahead if octave < 0):
+            fill(octave)
+        added = (c - b for c, b in zip(fronts.coverage(), before, strict=True))
+        aside = fronts.set_aside([c + a for c, a in zip(covered, added, strict=True)])
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     beyond = {number for number in numbers if number >= turns.beyond} | set(turns.ahead.values())
     for number in sorted(beyond):
         for octave in (octave for octave, first in turns.ahead.items() if first == number):
-            fill(octave)
+            if aside is None:
+                fill(octave)
+            elif octave > 0:
+                fill(octave)
+                fronts.close_gaps(aside)
         show({number})
     for surface in hidden:
         if not fronts.are_full(known=surface.known):
