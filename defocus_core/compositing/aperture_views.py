@@ -130,8 +130,10 @@ class Fronts:
             room = (self._full[group] - covered).clamp(min=_LEAST_ROOM)
             gap = (self._full[group] - front[:, -1:]).clamp(min=0)
             near = (aside.fronts[group][:, -1:] - covered).clamp(min=0)
-            error = _ERROR * near + torch.finfo(near.dtype).tiny
-            kept = gap * (gap / error - 1).clamp(0, 1)
+            error = _ERROR * near
+            between = (gap > error) & (gap < 2 * error)  # where a quotient has a finite gradient
+            grown = gap / torch.where(between, error, 1.0) - 1
+            kept = gap * torch.where(between, grown, (gap >= 2 * error).to(gap))
             added = gap - kept
             larger = 1 + added / (room - gap).clamp(min=_LEAST_ROOM)
             color, coverage = front.tensor_split([-1], 1)
